@@ -1,0 +1,1 @@
+"""How the rig moves. Knows rigs and rocks; no files, no plots, no Gymnasium."""
