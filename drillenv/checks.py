@@ -5,10 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from numbers import Real
+from typing import TypeVar
+
+Option = TypeVar("Option")
 
 
 class InputError(ValueError):
     """What the user handed in cannot be used. The message is one line, meant to be shown as it is."""
+
+
+def shown(value: object) -> str:
+    """``value`` as a message shows it: on one line, and cut where it is long."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # Python refuses to write out an integer of more than 4300 digits
+        text = f"a very large {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _plain(value: float) -> str:
+    """Every digit given, so that a value just outside its range does not look as if it were inside."""
+    return repr(value).removesuffix(".0")
 
 
 def number(
@@ -26,8 +43,8 @@ def number(
         value: What the user gave.
         low, high: The allowed range, both ends included, in ``unit``.
         unit: The unit expected, for the message.
-        slips: Pairs ``(factor, unit)`` of units people mix up: if ``value * factor`` is allowed, the message
-            proposes it.
+        slips: Pairs ``(factor, unit)`` of units people mix up: the message proposes each ``value * factor`` that
+            is allowed.
 
     Raises:
         InputError: not a real number, not finite, or outside the range.
@@ -35,18 +52,18 @@ def number(
     suffix = f" {unit}" if unit else ""
     allowed = f"{low:g} to {high:g}{suffix}"
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise InputError(f"{name} is {value!r}, which is not a number: give a number from {allowed}")
-    result = float(value)
+        raise InputError(f"{name} is {shown(value)}, which is not a number: give a number from {allowed}")
+    try:
+        result = float(value)
+    except OverflowError:
+        raise InputError(f"{name} is {shown(value)}: give a number from {allowed}") from None
     if not math.isfinite(result):
         raise InputError(f"{name} is {result}: give a finite number from {allowed}")
     if low <= result <= high:
         return result
-    advice = f"give a value from {allowed}"
-    for factor, slip in slips:
-        if low <= result * factor <= high:
-            advice += f" (was it in {slip}? then write {result * factor:g})"
-            break
-    raise InputError(f"{name} is {result:g}{suffix}, outside {allowed}: {advice}")
+    meant = [f"in {slip}? then write {result * factor:g}" for factor, slip in slips if low <= result * factor <= high]
+    advice = f" (was it {'; '.join(meant)})" if meant else ""
+    raise InputError(f"{name} is {_plain(result)}{suffix}, outside {allowed}: give a value from {allowed}{advice}")
 
 
 def count(name: str, value: object, low: int, high: int) -> int:
@@ -57,17 +74,18 @@ def count(name: str, value: object, low: int, high: int) -> int:
     """
     result = number(name, value, low, high)
     if result != int(result):
-        raise InputError(f"{name} is {result:g}: give a whole number from {low} to {high}")
+        raise InputError(f"{name} is {_plain(result)}: give a whole number from {low} to {high}")
     return int(result)
 
 
-def choice(name: str, value: object, allowed: Sequence[object]) -> object:
-    """Return ``value`` if it is one of ``allowed``.
+def choice(name: str, value: object, allowed: Sequence[Option]) -> Option:
+    """Return the one of ``allowed`` that ``value`` is: equal and of its type, so that True is not 1.
 
     Raises:
-        InputError: it is not.
+        InputError: it is none of them.
     """
-    if value not in allowed:
-        listed = ", ".join(str(option) for option in allowed)
-        raise InputError(f"{name} is {value!r}: give one of {listed}")
-    return value
+    for option in allowed:
+        if type(value) is type(option) and value == option:
+            return option
+    listed = ", ".join(str(option) for option in allowed)
+    raise InputError(f"{name} is {shown(value)}: give one of {listed}")

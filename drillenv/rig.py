@@ -82,11 +82,11 @@ class Rig:
     pressure_gain: float = 1.0
 
     def __post_init__(self) -> None:
-        limits = {
+        limits: dict[str, tuple[float, float, str, list[tuple[float, str]]]] = {
             "shaker_mass": (1.0, 1e5, "kg", [(1e-3, "g")]),
             "indenter_mass": (0.05, 1e3, "kg", [(1e-3, "g")]),
             "stiffness": (1e3, 1e8, "N/m", [(1e3, "kN/m or N/mm")]),
-            "damping": (1.0, 1e6, "N s/m", [(1e3, "kN s/m")]),
+            "damping": (10.0, 1e6, "N s/m", [(1e3, "kN s/m")]),
             "drive_gain": (0.05, 20.0, "", []),
             "pressure_gain": (0.05, 20.0, "", []),
         }

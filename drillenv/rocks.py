@@ -7,9 +7,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drillenv.checks import InputError, number
+from drillenv.checks import InputError, number, shown
+from drillenv.checks import choice as one_of
 
 STIFFNESS_LIMITS = (1e5, 1e9)  # N/m
+YOUNG_MODULUS_LIMITS = (1e8, 1e12)  # Pa
+# A spread below this share of its stiffness is no measurement; it is the spread in another unit than N/m.
+SMALLEST_SPREAD = 1e-4
 _SLIPS = [(1e6, "kN/mm"), (1e3, "N/mm or kN/m"), (1e9, "MN/mm")]
 
 
@@ -30,9 +34,8 @@ class Indentations:
             InputError: no such phase.
         """
         parts = {"impact": slice(0, 1), "compression": slice(1, 5), "stable": slice(5, 10)}
-        if name not in parts:
-            raise InputError(f"phase is {name!r}: give one of {', '.join(parts)}")
-        return self.loading[parts[name]], self.unloading[parts[name]]
+        part = parts[one_of("phase", name, tuple(parts))]
+        return self.loading[part], self.unloading[part]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +45,15 @@ class Rock:
     Args:
         loading_stiffness: k_l in N/m.
         unloading_stiffness: k_u in N/m, not below k_l (a softer way back would give energy away).
-        name: For people.
-        loading_spread, unloading_spread: Standard deviations in N/m, 0 where unknown.
+        name: For people, on one line.
+        loading_spread, unloading_spread: Standard deviations in N/m, 0 where unknown, else at least 1e-4 of the
+            stiffness.
         young_modulus: Of the rock in Pa, where known.
         indentations: The measurements behind the means, where known.
 
     Raises:
-        InputError: a stiffness is no finite number, outside 1e5 to 1e9 N/m, or k_u < k_l.
+        InputError: a stiffness is no finite number, outside 1e5 to 1e9 N/m, or k_u < k_l; another value is of the
+            wrong kind or outside its limits.
     """
 
     loading_stiffness: float
@@ -63,14 +68,21 @@ class Rock:
         for field in ("loading_stiffness", "unloading_stiffness"):
             value = number(field, getattr(self, field), *STIFFNESS_LIMITS, "N/m", _SLIPS)
             object.__setattr__(self, field, value)
-        for field in ("loading_spread", "unloading_spread"):
-            value = number(field, getattr(self, field), 0.0, STIFFNESS_LIMITS[1], "N/m")
-            object.__setattr__(self, field, value)
         if self.unloading_stiffness < self.loading_stiffness:
             raise InputError(
-                f"unloading_stiffness is {self.unloading_stiffness:g} N/m, below loading_stiffness "
-                f"{self.loading_stiffness:g} N/m: such a rock would give energy away; give k_u >= k_l"
+                f"unloading_stiffness is {shown(self.unloading_stiffness)} N/m, below loading_stiffness "
+                f"{shown(self.loading_stiffness)} N/m: such a rock would give energy away; give k_u >= k_l"
             )
+        for field, stiffness in (
+            ("loading_spread", self.loading_stiffness),
+            ("unloading_spread", self.unloading_stiffness),
+        ):
+            object.__setattr__(self, field, _spread(field, getattr(self, field), stiffness))
+        if self.young_modulus is not None:
+            slips = [(1e9, "GPa"), (1e6, "MPa")]
+            modulus = number("young_modulus", self.young_modulus, *YOUNG_MODULUS_LIMITS, "Pa", slips)
+            object.__setattr__(self, "young_modulus", modulus)
+        _check_kind(self.name, self.indentations)
 
     def drawn(self, rng: np.random.Generator) -> Rock:
         """A rock of this kind with both stiffnesses drawn from their measured spread.
@@ -84,6 +96,24 @@ class Rock:
             if low <= loading <= unloading <= high:
                 break
         return Rock(float(loading), float(unloading), f"{self.name}, drawn", young_modulus=self.young_modulus)
+
+
+def _spread(field: str, value: object, stiffness: float) -> float:
+    """A standard deviation of ``stiffness`` in N/m: 0 where unknown, else a believable share of it."""
+    if number(field, value, 0.0, stiffness, "N/m") == 0:
+        return 0.0
+    try:
+        return number(field, value, SMALLEST_SPREAD * stiffness, stiffness, "N/m", _SLIPS)
+    except InputError as error:
+        raise InputError(f"{error}, or 0 where unknown") from None
+
+
+def _check_kind(name: object, indentations: object) -> None:
+    """Refuse a name that a report could not print on one line, and measurements that are none."""
+    if not isinstance(name, str) or not name.isprintable() or not name.strip():
+        raise InputError(f"name is {shown(name)}: give a name on one line")
+    if not isinstance(indentations, Indentations | None):
+        raise InputError(f"indentations is {shown(indentations)}: give Indentations(loading, unloading) or None")
 
 
 def _row(
@@ -105,8 +135,8 @@ def _row(
     )
 
 
-# Table 2.2. The printed means of the stable phase are kept even where they do not follow from the printed
-# measurements (case 4 gives 20.81 kN/mm, the paper prints 21.40).
+# Table 2.2. The printed means are kept even where they do not follow from the five measurements printed as stable
+# (case 4 gives 20.81 kN/mm, the paper prints 21.40): they are those of the last 5, 7, 7, 4, 6 and 6 indentations.
 ROCKS = MappingProxyType(
     {
         1: _row(
@@ -172,13 +202,14 @@ def rock(choice: int | str | Rock) -> Rock:
     names = {pair.name: pair for pair in ROCKS.values()}
     if isinstance(choice, str):
         text = choice.strip().lower().replace(" ", "")
-        if text in names:
-            return names[text]
-        if text.isdecimal() and int(text) in ROCKS:
-            return ROCKS[int(text)]
-    elif isinstance(choice, (int, np.integer)) and not isinstance(choice, bool) and int(choice) in ROCKS:
+        known = names | {str(case): pair for case, pair in ROCKS.items()}
+        if text in known:
+            return known[text]
+    # Callers without a type checker hand in floats and arrays too.
+    whole = isinstance(choice, int | np.integer) and not isinstance(choice, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
+    if whole and int(choice) in ROCKS:
         return ROCKS[int(choice)]
     raise InputError(
-        f"rock is {choice!r}: give a case of Table 2.2 (1 to 6), its name ({', '.join(names)}), "
+        f"rock is {shown(choice)}: give a case of Table 2.2 (1 to 6), its name ({', '.join(names)}), "
         "or Rock(loading_stiffness, unloading_stiffness) in N/m"
     )

@@ -19,8 +19,6 @@ down at critical damping.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
@@ -28,73 +26,48 @@ from drillenv.checks import InputError
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 
+KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+"""How the kernels are compiled: fused multiply-add is allowed, nothing that reorders."""
+INLINE = {**KERNEL, "forceinline": True}
+"""The same for what the kernels are made of: numba counts references at each call that stays one."""
+
 FREE, LOADING, UNLOADING = 0, 1, 2
 """The regimes: no contact, loading, unloading."""
 
 
-class Pair(NamedTuple):
-    """One pair of modes: roots ``-decay +- sqrt(split)``."""
-
-    decay: float
-    split: float
-    root: float
-    """sqrt(abs(split))."""
-
-
-class Contact(NamedTuple):
-    """Modes of one contact regime. ``fast`` is mostly the indenter on the rock, ``slow`` the shaker behind it."""
-
-    stiffness: float
-    fast: Pair
-    slow: Pair
-    fast_cosine: np.ndarray
-    """(4, 4), takes a free state to ``u`` of the fast pair; the slow pair has the rest."""
-    fast_sine: np.ndarray
-    """(4, 4), takes a free state to ``v`` of the fast pair."""
-    slow_sine: np.ndarray
-    """(4, 4), takes a free state to ``v`` of the slow pair."""
-    step: float
-    """Longest step in s over which a switch is looked for at once."""
+# A model is one float64 array: a rig on a rock at a setting, made ready for the kernels. It holds numbers only, so that
+# it copies, pickles and stacks into batches as it is, and costs the kernels no reference counting. The first row is for
+# the rig and the flight, the rows LOADING and UNLOADING for the contact. Where things stand in the first row:
+M1, M2, K, C, OMEGA, AMPLITUDE, STATIC = range(7)
+"""Masses in kg, stiffness in N/m, damping in N s/m, excitation in rad/s, F_a and F_b in N."""
+SHARE, SWING = 7, 8
+"""m1 / (m1 + m2), and the amplitude F_a / ((m1 + m2) omega) of the speed of the centre of mass in flight."""
+RELATIVE = 9
+"""Decay, split and root of the pair of modes of y in flight."""
+FREE_Y = 12
+"""Constant, sine and cosine part of y in flight."""
+# ... and in the row of a contact regime:
+STIFFNESS, STEP, FAST, SLOW = 0, 1, 2, 5
+"""kappa; the first step of the search for a switch in s; decay, split, root of the fast pair (mostly the indenter on the
+rock) and of the slow pair (the shaker behind it)."""
+FORCED = 8
+"""Constant, sine and cosine part of z, four numbers each."""
+FAST_COSINE, FAST_SINE, SLOW_SINE = 20, 36, 52
+"""(4, 4) matrices, column by column, that take a free state to u of the fast pair (the slow pair has the rest), v of the
+fast pair and v of the slow pair."""
+MODEL_SHAPE = (3, 68)
 
 
-class Plant(NamedTuple):
-    """A rig on a rock, made ready for the kernels."""
-
-    m1: float
-    m2: float
-    k: float
-    c: float
-    relative: Pair
-    """Of y out of contact."""
-    loading: Contact
-    unloading: Contact
-
-
-class Drive(NamedTuple):
-    """A setting on a plant: the forces, and the forced part of each contact regime."""
-
-    omega: float
-    """Excitation frequency in rad/s."""
-    amplitude: float
-    """F_a in N."""
-    static: float
-    """F_b in N."""
-    free_y: tuple[float, float, float]
-    """Constant, sine and cosine part of y out of contact, in m."""
-    forced: np.ndarray
-    """(2, 3, 4): loading and unloading; constant, sine and cosine part; of z."""
-
-
-@njit(cache=True, error_model="numpy")
-def make_pair(linear: float, constant: float) -> Pair:
-    """The pair of roots of s^2 + linear s + constant."""
+@njit(**KERNEL)
+def set_pair(linear: float, constant: float, out: np.ndarray):
+    """Write decay, split and root of the roots of s^2 + linear s + constant."""
     split = 0.25 * linear * linear - constant
-    return Pair(0.5 * linear, split, math.sqrt(abs(split)))
+    out[0], out[1], out[2] = 0.5 * linear, split, math.sqrt(abs(split))
 
 
-@njit(cache=True, error_model="numpy")
-def make_contact(m1: float, m2: float, k: float, c: float, kappa: float):
-    """Modes of a contact of stiffness ``kappa``. Returns (Contact, ok); not ok where the two pairs run together."""
+@njit(**KERNEL)
+def set_contact(m1: float, m2: float, k: float, c: float, kappa: float, block: np.ndarray) -> bool:
+    """Write the modes of a contact of stiffness ``kappa``. False where the two pairs of modes run together."""
     # characteristic polynomial s^4 + b3 s^3 + b2 s^2 + b1 s + b0
     b3 = c / m1 + c / m2
     b2 = (k + kappa) / m2 + k / m1
@@ -118,12 +91,10 @@ def make_contact(m1: float, m2: float, k: float, c: float, kappa: float):
         de = (r0_a * r1 - r1_a * r0) / determinant
         a += da
         e += de
-        if abs(da) <= 1e-15 * abs(a) and abs(de) <= 1e-15 * abs(e):
-            ok = True
-            break
         # the last digits may keep flickering
-        if abs(da) <= 1e-13 * abs(a) and abs(de) <= 1e-13 * abs(e):
-            ok = True
+        ok = abs(da) <= 1e-13 * abs(a) and abs(de) <= 1e-13 * abs(e)
+        if ok and abs(da) <= 1e-15 * abs(a) and abs(de) <= 1e-15 * abs(e):
+            break
     q1 = b3 - a
     q0 = b2 - e - a * q1
     # projector on the fast pair: (alpha A + beta) (A^2 + a A + e), which is 1 on the fast and 0 on the slow modes
@@ -137,212 +108,227 @@ def make_contact(m1: float, m2: float, k: float, c: float, kappa: float):
     flow[2, 0], flow[2, 1], flow[2, 2], flow[2, 3] = k / m2, c / m2, -c / m2, -kappa / m2
     flow[3, 2] = 1.0
     one = np.eye(4)
-    quadratic = _times(flow, flow) + a * flow + e * one
-    projector = _times(alpha * flow + beta * one, quadratic)
+    projector = _times(alpha * flow + beta * one, _times(flow, flow) + a * flow + e * one)
     # one step of purification takes the rounding out of the projector
     square = _times(projector, projector)
     projector = 3.0 * square - 2.0 * _times(square, projector)
-    fast, slow = make_pair(q1, q0), make_pair(a, e)
-    quickest = fast.decay + fast.root if fast.split > 0 else math.sqrt(q0)
-    contact = Contact(
-        kappa,
-        fast,
-        slow,
-        projector,
-        _times(flow + fast.decay * one, projector),
-        _times(flow + slow.decay * one, one - projector),
-        1.8 / quickest,
-    )
-    return contact, ok
+    set_pair(q1, q0, block[FAST:])
+    set_pair(a, e, block[SLOW:])
+    fast_sine = _times(flow + 0.5 * q1 * one, projector)
+    slow_sine = _times(flow + 0.5 * a * one, one - projector)
+    for i in range(4):
+        for j in range(4):
+            block[FAST_COSINE + 4 * j + i] = projector[i, j]
+            block[FAST_SINE + 4 * j + i] = fast_sine[i, j]
+            block[SLOW_SINE + 4 * j + i] = slow_sine[i, j]
+    block[STIFFNESS] = kappa
+    block[STEP] = 2.3 / quickest(block[FAST], block[FAST + 1], block[FAST + 2])
+    return ok
 
 
-@njit(cache=True)
+@njit(**INLINE)
+def quickest(decay: float, split: float, root: float) -> float:
+    """The largest absolute value of the two roots of a pair, in 1/s."""
+    return decay + root if split > 0.0 else math.sqrt(decay * decay - split)
+
+
+@njit(**KERNEL)
 def _times(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Matrix product of two small matrices, without BLAS."""
     n = left.shape[0]
     result = np.zeros((n, n))
     for i in range(n):
         for j in range(n):
-            total = 0.0
             for m in range(n):
-                total += left[i, m] * right[m, j]
-            result[i, j] = total
+                result[i, j] += left[i, m] * right[m, j]
     return result
 
 
-@njit(cache=True, error_model="numpy")
-def make_plant(m1: float, m2: float, k: float, c: float, kl: float, ku: float):
-    """A rig on a rock. Returns (Plant, ok); where not ok the general engine has to do the work."""
+@njit(**KERNEL)
+def set_plant(m1: float, m2: float, k: float, c: float, kl: float, ku: float, model: np.ndarray) -> bool:
+    """Write a rig on a rock into a model. Where it returns False the general engine has to do the work."""
     mass = m1 * m2 / (m1 + m2)
-    loading, first = make_contact(m1, m2, k, c, kl)
-    unloading, second = make_contact(m1, m2, k, c, ku)
-    return Plant(m1, m2, k, c, make_pair(c / mass, k / mass), loading, unloading), first and second
+    model[0, M1], model[0, M2], model[0, K], model[0, C] = m1, m2, k, c
+    model[0, SHARE] = m1 / (m1 + m2)
+    set_pair(c / mass, k / mass, model[0, RELATIVE:])
+    first = set_contact(m1, m2, k, c, kl, model[LOADING])
+    second = set_contact(m1, m2, k, c, ku, model[UNLOADING])
+    return first and second
 
 
-@njit(cache=True, error_model="numpy")
-def make_drive(plant: Plant, omega: float, amplitude: float, static: float) -> Drive:
-    """A setting on a plant: excitation in rad/s, F_a and F_b in N."""
-    m1, m2, k, c = plant.m1, plant.m2, plant.k, plant.c
+@njit(**KERNEL)
+def set_drive(omega: float, amplitude: float, static: float, model: np.ndarray):
+    """Write a setting into a model that holds a plant: excitation in rad/s, F_a and F_b in N."""
+    m1, m2, k, c = model[0, M1], model[0, M2], model[0, K], model[0, C]
     mass = m1 * m2 / (m1 + m2)
+    model[0, OMEGA], model[0, AMPLITUDE], model[0, STATIC] = omega, amplitude, static
+    model[0, SWING] = amplitude / ((m1 + m2) * omega)
     swing = -(amplitude / m2) / complex(k / mass - omega * omega, omega * c / mass)
-    free_y = (static * mass / (m1 * k), swing.real, swing.imag)
-    forced = np.zeros((2, 3, 4))
+    model[0, FREE_Y], model[0, FREE_Y + 1], model[0, FREE_Y + 2] = static * mass / (m1 * k), swing.real, swing.imag
     coupling = complex(k, c * omega)
-    for row in range(2):
-        kappa = plant.loading.stiffness if row == 0 else plant.unloading.stiffness
+    for regime in (LOADING, UNLOADING):
+        row = model[regime]
+        kappa = row[STIFFNESS]
         shaker = coupling - m1 * omega * omega
         indenter = coupling + kappa - m2 * omega * omega
         w = amplitude * shaker / (shaker * indenter - coupling * coupling)
         x = w * coupling / shaker
-        forced[row, 0, 0], forced[row, 0, 3] = static / k, static / kappa
-        # the part exp(i theta), whose imaginary part is the motion, in terms of sine and cosine
-        for column, swing in ((0, x - w), (3, w)):
-            forced[row, 1, column], forced[row, 2, column] = swing.real, swing.imag
-        for column, swing in ((1, x), (2, w)):
-            forced[row, 1, column], forced[row, 2, column] = -omega * swing.imag, omega * swing.real
-    return Drive(omega, amplitude, static, free_y, forced)
+        level, sine, cosine = FORCED, FORCED + 4, FORCED + 8
+        row[level : level + 4] = 0.0
+        row[level], row[level + 3] = static / k, static / kappa
+        # the motion is the imaginary part of amplitude * exp(i theta)
+        row[sine], row[cosine] = (x - w).real, (x - w).imag
+        row[sine + 1], row[cosine + 1] = -omega * x.imag, omega * x.real
+        row[sine + 2], row[cosine + 2] = -omega * w.imag, omega * w.real
+        row[sine + 3], row[cosine + 3] = w.real, w.imag
 
 
-def plant_for(rig: Rig, rock: Rock) -> Plant:
-    """The plant of a rig on a rock.
+def make_model(rig: Rig, rock: Rock, setting: Setting) -> np.ndarray:
+    """The model array (MODEL_SHAPE) of a rig on a rock at a setting.
 
     Raises:
         InputError: the rig's two modes in contact run together, which the closed form cannot take apart.
     """
-    plant, ok = make_plant(
+    model = np.zeros(MODEL_SHAPE)
+    ok = set_plant(
         rig.shaker_mass,
         rig.indenter_mass,
         rig.stiffness,
         rig.damping,
         rock.loading_stiffness,
         rock.unloading_stiffness,
+        model,
     )
     if not ok:
         raise InputError(
             "the two modes of this rig in contact are too close for the exact engine (a percussive rig has a light "
             "indenter on a stiff rock and a heavy shaker on a soft spring): use simulate(..., engine='general')"
         )
-    return plant
+    set_drive(2 * math.pi * setting.frequency, rig.drive_force(setting), rig.static_force(setting), model)
+    return model
 
 
-def drive_for(plant: Plant, rig: Rig, setting: Setting) -> Drive:
-    """The drive of a setting on a plant."""
-    return make_drive(plant, 2 * math.pi * setting.frequency, rig.drive_force(setting), rig.static_force(setting))
+@njit(**INLINE)
+def sine_cosine(x: float):
+    """sin x and cos x to the last bit or two for abs(x) < 1e5, at half the cost of two calls of the C library.
+
+    Cody and Waite's reduction to [-pi/4, pi/4] and the kernels of Sun's fdlibm.
+    """
+    n = math.floor(x * 0.6366197723675814 + 0.5)
+    r = (x - n * 1.57079632673412561417) - n * 6.07710050650619224932e-11
+    z = r * r
+    sine = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
+    sine = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * sine)
+    sine = r + r * z * (-1.66666666666666324348e-01 + z * sine)
+    cosine = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
+    cosine = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * cosine)
+    cosine = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * cosine)
+    quadrant = int(n) & 3
+    if quadrant & 1:
+        sine, cosine = cosine, sine
+    if quadrant & 2:
+        sine = -sine
+    if (quadrant + 1) & 2:
+        cosine = -cosine
+    return sine, cosine
 
 
-@njit(cache=True, error_model="numpy")
-def pair_at(pair: Pair, t: float):
+@njit(**INLINE)
+def pair_at(decay: float, split: float, root: float, t: float):
     """exp(-decay t) C(t) and exp(-decay t) S(t) of a pair, with C'' = split C, C(0) = 1, S(0) = 0, S'(0) = 1."""
-    x = pair.split * t * t
+    x = split * t * t
     if abs(x) < 0.05:
         cosine = 1.0 + x / 2 * (1.0 + x / 12 * (1.0 + x / 30 * (1.0 + x / 56 * (1.0 + x / 90))))
         sine = t * (1.0 + x / 6 * (1.0 + x / 20 * (1.0 + x / 42 * (1.0 + x / 72 * (1.0 + x / 110)))))
-        envelope = math.exp(-pair.decay * t)
+        envelope = math.exp(-decay * t)
         return envelope * cosine, envelope * sine
     if x < 0.0:
-        angle = pair.root * t
-        envelope = math.exp(-pair.decay * t)
-        return envelope * math.cos(angle), envelope * math.sin(angle) / pair.root
+        sine, cosine = sine_cosine(root * t)
+        envelope = math.exp(-decay * t)
+        return envelope * cosine, envelope * sine / root
     # exponents first: cosh alone would overflow on a long flight
-    up = 0.5 * math.exp((pair.root - pair.decay) * t)
-    down = 0.5 * math.exp(-(pair.root + pair.decay) * t)
-    return up + down, (up - down) / pair.root
+    up = 0.5 * math.exp((root - decay) * t)
+    down = 0.5 * math.exp(-(root + decay) * t)
+    return up + down, (up - down) / root
 
 
-@njit(cache=True)
-def contact_coefficients(contact: Contact, forced: np.ndarray, z: np.ndarray, sine: float, cosine: float, work):
-    """Write u, v of the fast and of the slow pair for the contact that starts in ``z`` into ``work`` (4, 4)."""
-    h0 = z[0] - forced[0, 0] - sine * forced[1, 0] - cosine * forced[2, 0]
-    h1 = z[1] - forced[0, 1] - sine * forced[1, 1] - cosine * forced[2, 1]
-    h2 = z[2] - forced[0, 2] - sine * forced[1, 2] - cosine * forced[2, 2]
-    h3 = z[3] - forced[0, 3] - sine * forced[1, 3] - cosine * forced[2, 3]
-    p, q, r = contact.fast_cosine, contact.fast_sine, contact.slow_sine
+@njit(**INLINE)
+def contact_coefficients(model: np.ndarray, regime: int, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
+    """Write u, v of the fast pair and u, v of the slow pair for the contact that starts in ``z`` into ``work`` (16,)."""
+    h0 = z[0] - model[regime, FORCED] - sine * model[regime, FORCED + 4] - cosine * model[regime, FORCED + 8]
+    h1 = z[1] - model[regime, FORCED + 1] - sine * model[regime, FORCED + 5] - cosine * model[regime, FORCED + 9]
+    h2 = z[2] - model[regime, FORCED + 2] - sine * model[regime, FORCED + 6] - cosine * model[regime, FORCED + 10]
+    h3 = z[3] - model[regime, FORCED + 3] - sine * model[regime, FORCED + 7] - cosine * model[regime, FORCED + 11]
     for i in range(4):
-        work[0, i] = p[i, 0] * h0 + p[i, 1] * h1 + p[i, 2] * h2 + p[i, 3] * h3
-        work[1, i] = q[i, 0] * h0 + q[i, 1] * h1 + q[i, 2] * h2 + q[i, 3] * h3
-        work[3, i] = r[i, 0] * h0 + r[i, 1] * h1 + r[i, 2] * h2 + r[i, 3] * h3
-    work[2, 0] = h0 - work[0, 0]
-    work[2, 1] = h1 - work[0, 1]
-    work[2, 2] = h2 - work[0, 2]
-    work[2, 3] = h3 - work[0, 3]
+        p, q, r = FAST_COSINE + i, FAST_SINE + i, SLOW_SINE + i
+        work[i] = model[regime, p] * h0 + model[regime, p + 4] * h1 + model[regime, p + 8] * h2 + model[regime, p + 12] * h3
+        work[4 + i] = model[regime, q] * h0 + model[regime, q + 4] * h1 + model[regime, q + 8] * h2 + model[regime, q + 12] * h3
+        work[12 + i] = model[regime, r] * h0 + model[regime, r + 4] * h1 + model[regime, r + 8] * h2 + model[regime, r + 12] * h3
+    work[8] = h0 - work[0]
+    work[9] = h1 - work[1]
+    work[10] = h2 - work[2]
+    work[11] = h3 - work[3]
 
 
-@njit(cache=True)
-def contact_state(contact: Contact, forced: np.ndarray, work: np.ndarray, theta: float, t: float, out: np.ndarray):
-    """The state a time ``t`` after the contact of ``work`` began; ``theta`` is the phase reached."""
-    fast_c, fast_s = pair_at(contact.fast, t)
-    slow_c, slow_s = pair_at(contact.slow, t)
-    sine, cosine = math.sin(theta), math.cos(theta)
+@njit(**INLINE)
+def contact_state(model, regime: int, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray):
+    """The state a time ``t`` after the contact of ``work`` began; ``sine`` and ``cosine`` of the phase reached."""
+    fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
+    sc, ss = pair_at(model[regime, SLOW], model[regime, SLOW + 1], model[regime, SLOW + 2], t)
     for i in range(4):
-        out[i] = (
-            forced[0, i]
-            + sine * forced[1, i]
-            + cosine * forced[2, i]
-            + fast_c * work[0, i]
-            + fast_s * work[1, i]
-            + slow_c * work[2, i]
-            + slow_s * work[3, i]
-        )
+        forced = model[regime, FORCED + i] + sine * model[regime, FORCED + 4 + i] + cosine * model[regime, FORCED + 8 + i]
+        out[i] = forced + fc * work[i] + fs * work[4 + i] + sc * work[8 + i] + ss * work[12 + i]
 
 
-@njit(cache=True)
-def free_coefficients(plant: Plant, drive: Drive, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
-    """Write the flight that starts in ``z`` into ``work``: [0, :3] the centre of mass, [1, :2] u and v of y."""
-    total = plant.m1 + plant.m2
-    share = plant.m1 / total
-    swing = drive.amplitude / (total * drive.omega)
-    work[0, 0] = z[3] + share * z[0] + swing / drive.omega * sine
-    work[0, 1] = (plant.m1 * z[1] + plant.m2 * z[2]) / total + swing * cosine
-    work[0, 2] = drive.static / total
-    level, level_sine, level_cosine = drive.free_y
-    u = z[0] - level - sine * level_sine - cosine * level_cosine
-    speed = z[1] - z[2] - drive.omega * (cosine * level_sine - sine * level_cosine)
-    work[1, 0] = u
-    work[1, 1] = speed + plant.relative.decay * u
+@njit(**INLINE)
+def free_coefficients(model: np.ndarray, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
+    """Write the flight that starts in ``z`` into ``work``: [:3] the centre of mass, [3:5] u and v of y."""
+    share, swing, omega = model[0, SHARE], model[0, SWING], model[0, OMEGA]
+    work[0] = z[3] + share * z[0] + swing / omega * sine
+    work[1] = share * z[1] + (1.0 - share) * z[2] + swing * cosine
+    work[2] = model[0, STATIC] / (model[0, M1] + model[0, M2])
+    u = z[0] - model[0, FREE_Y] - sine * model[0, FREE_Y + 1] - cosine * model[0, FREE_Y + 2]
+    speed = z[1] - z[2] - omega * (cosine * model[0, FREE_Y + 1] - sine * model[0, FREE_Y + 2])
+    work[3] = u
+    work[4] = speed + model[0, RELATIVE] * u
 
 
-@njit(cache=True)
-def free_state(plant: Plant, drive: Drive, work: np.ndarray, theta: float, t: float, out: np.ndarray):
-    """The state a time ``t`` after the flight of ``work`` began; ``theta`` is the phase reached."""
-    total = plant.m1 + plant.m2
-    share = plant.m1 / total
-    swing = drive.amplitude / (total * drive.omega)
-    c, s = pair_at(plant.relative, t)
-    sine, cosine = math.sin(theta), math.cos(theta)
-    level, level_sine, level_cosine = drive.free_y
-    u, v = work[1, 0], work[1, 1]
-    decay, split = plant.relative.decay, plant.relative.split
-    y = level + sine * level_sine + cosine * level_cosine + c * u + s * v
-    speed = drive.omega * (cosine * level_sine - sine * level_cosine) + c * (v - decay * u) + s * (split * u - decay * v)
-    centre = work[0, 0] + t * (work[0, 1] + 0.5 * t * work[0, 2]) - swing / drive.omega * sine
-    centre_speed = work[0, 1] + t * work[0, 2] - swing * cosine
+@njit(**INLINE)
+def free_state(model: np.ndarray, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray):
+    """The state a time ``t`` after the flight of ``work`` began; ``sine`` and ``cosine`` of the phase reached."""
+    share, swing, omega = model[0, SHARE], model[0, SWING], model[0, OMEGA]
+    decay, split = model[0, RELATIVE], model[0, RELATIVE + 1]
+    c, s = pair_at(decay, split, model[0, RELATIVE + 2], t)
+    u, v = work[3], work[4]
+    y = model[0, FREE_Y] + sine * model[0, FREE_Y + 1] + cosine * model[0, FREE_Y + 2] + c * u + s * v
+    speed = omega * (cosine * model[0, FREE_Y + 1] - sine * model[0, FREE_Y + 2])
+    speed += c * (v - decay * u) + s * (split * u - decay * v)
+    centre = work[0] + t * (work[1] + 0.5 * t * work[2]) - swing / omega * sine
+    centre_speed = work[1] + t * work[2] - swing * cosine
     out[0] = y
     out[1] = centre_speed + (1.0 - share) * speed
     out[2] = centre_speed - share * speed
     out[3] = centre - share * y
 
 
-@njit(cache=True)
-def contact_matrix(contact: Contact, t: float, out: np.ndarray):
+@njit(**INLINE)
+def contact_matrix(model: np.ndarray, regime: int, t: float, out: np.ndarray):
     """(4, 4) derivative of the state after a time ``t`` in contact by the state before."""
-    fast_c, fast_s = pair_at(contact.fast, t)
-    slow_c, slow_s = pair_at(contact.slow, t)
+    fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
+    sc, ss = pair_at(model[regime, SLOW], model[regime, SLOW + 1], model[regime, SLOW + 2], t)
     for i in range(4):
         for j in range(4):
-            out[i, j] = (
-                (fast_c - slow_c) * contact.fast_cosine[i, j]
-                + fast_s * contact.fast_sine[i, j]
-                + slow_s * contact.slow_sine[i, j]
-            )
-        out[i, i] += slow_c
+            n = 4 * j + i
+            out[i, j] = (fc - sc) * model[regime, n + FAST_COSINE] + fs * model[regime, n + FAST_SINE] + ss * model[regime, n + SLOW_SINE]
+        out[i, i] += sc
 
 
-@njit(cache=True)
-def free_matrix(plant: Plant, t: float, out: np.ndarray):
+@njit(**INLINE)
+def free_matrix(model: np.ndarray, t: float, out: np.ndarray):
     """(4, 4) derivative of the state after a time ``t`` in free flight by the state before."""
-    c, s = pair_at(plant.relative, t)
-    decay, split = plant.relative.decay, plant.relative.split
-    first = plant.m1 / (plant.m1 + plant.m2)
+    decay, split = model[0, RELATIVE], model[0, RELATIVE + 1]
+    c, s = pair_at(decay, split, model[0, RELATIVE + 2], t)
+    first = model[0, SHARE]
     second = 1.0 - first
     y_y, y_speed = c + decay * s, s
     speed_y, speed_speed = (split - decay * decay) * s, c - decay * s

@@ -1,0 +1,61 @@
+# Needs make and Python 3.11 or newer. Everything else is installed into .venv, again whenever pyproject.toml changes.
+
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+
+CANDIDATES := python3 python3.14 python3.13 python3.12 python3.11 python
+NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(shell for p in $(CANDIDATES); do $$p -c '$(NEW_ENOUGH)' >/dev/null 2>&1 && echo $$p && break; done)
+INSTALL := $(BIN)/python -m pip install -qq --no-input --disable-pip-version-check --progress-bar off
+
+export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+
+.PHONY: help demo test test-fast lint bench clean
+.NOTPARALLEL:
+
+help:
+	@echo "make demo       reproduce the paper's motions into out/paper"
+	@echo "make test       every test"
+	@echo "make test-fast  the tests that take a few seconds at most"
+	@echo "make lint       ruff and pyright"
+	@echo "make bench      what is faster than what, measured here"
+	@echo "make clean      remove what was installed and cached, and out/paper"
+
+demo: $(VENV)/base.stamp
+	@$(BIN)/drillenv paper --out out/paper
+
+test: $(VENV)/dev.stamp
+	@$(BIN)/pytest -n $(JOBS)
+
+test-fast: $(VENV)/dev.stamp
+	@$(BIN)/pytest -n $(JOBS) -m "not slow"
+
+lint: $(VENV)/dev.stamp
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
+
+bench: $(VENV)/dev.stamp
+	@$(BIN)/python -m benchmarks.speed
+
+clean:
+	rm -rf $(VENV) out/paper build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/created.stamp:
+	@test -n "$(PYTHON)" || { echo "make: found no Python 3.11 or newer; name one: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@echo "Setting up $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+# make demo needs only what drillenv itself imports.
+$(VENV)/base.stamp: pyproject.toml $(VENV)/created.stamp
+	@echo "Installing drillenv into $(VENV) (a few minutes the first time)"
+	@$(INSTALL) -e .
+	@touch $@
+
+$(VENV)/dev.stamp: pyproject.toml $(VENV)/created.stamp
+	@echo "Installing drillenv and its development tools into $(VENV) (a few minutes the first time)"
+	@$(INSTALL) -e ".[dev]"
+	@touch $(VENV)/base.stamp $@

@@ -1,0 +1,179 @@
+"""Physics the paper leaves out: one file an effect, found by walking this package.
+
+To add an effect, write one new module here that sets ``EFFECT``; nothing else changes. The module says everything about
+the effect once: words, equation, source, parameters, and up to three plain functions that the general engine compiles:
+
+``term(now, own, p, push, rates)``
+    Smooth forces. Add to ``push[ON_SHAKER]`` and ``push[ON_INDENTER]`` (N, positive toward the rock) and to
+    ``push[ON_ROCK]`` (N, positive: the rock resists more; ignored out of contact). ``now`` is a :class:`Moment`, ``p``
+    the parameters in their order, ``own`` the effect's extra states, whose time derivatives go to ``rates``. The
+    engine takes care that the contact never pulls.
+``shape(depth, regime, own, p) -> depth``
+    Bends the rock law to ``R = k * shape(depth)``: rising, 0 at 0, and defined for negative depths too, since a trial
+    step may overshoot. Shapes of several effects follow one another.
+``switched(before, after, own, p)``
+    Called at each change of regime; may change the effect's extra states. What a shape reads may change only where a
+    contact begins or ends, or the force would jump.
+
+All are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With every
+parameter at its neutral value an effect must change nothing, to the last bit. Dry friction and other jumps of the force
+do not fit ``term``: the engine finds no switch in there, and a jump rounded off in silence would be another rig.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+from drillenv.checks import InputError, choice, number
+
+ON_SHAKER, ON_INDENTER, ON_ROCK = 0, 1, 2
+"""Where a force acts, as an index into ``push``."""
+
+Balance = Literal["contact", "indenter", "shaker", "sensor", "body"]
+RegimeName = Literal["no contact", "loading", "unloading"]
+EVERYWHERE: tuple[RegimeName, ...] = ("no contact", "loading", "unloading")
+IN_CONTACT: tuple[RegimeName, ...] = ("loading", "unloading")
+
+
+class Moment(NamedTuple):
+    """The rig at one moment, as a term sees it. SI throughout."""
+
+    time: float
+    """s since the start of the run."""
+    theta: float
+    """Phase of the excitation in rad; whole turns may have been taken off."""
+    omega: float
+    """Excitation frequency in rad/s."""
+    y: float
+    """X1 - X2 in m, the spring's shortening; F_b / k at rest."""
+    closing: float
+    """V1 - V2 in m/s."""
+    v1: float
+    v2: float
+    depth: float
+    """In contact the depth the rock law sees in m; out of contact the place behind the rock's face, negative."""
+    into: float
+    """Speed into the rock's face in m/s: V2, less the speed of the face where a mount lets it move."""
+    face: float
+    """Displacement of the rock's face in m, 0 unless a mount lets it move."""
+    rock: float
+    """Force of the rock in N: of the rock law alone, or, for an effect that comes last, of all."""
+    regime: int
+    """0 no contact, 1 loading, 2 unloading."""
+    drive: float
+    """F_a in N, the amplitude of the drive force."""
+    static: float
+    """F_b in N."""
+    m1: float
+    m2: float
+    k: float
+    c: float
+    kl: float
+    ku: float
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of an effect. With all of them at ``neutral`` the effect is as if absent."""
+
+    symbol: str
+    meaning: str
+    unit: str
+    low: float
+    high: float
+    neutral: float
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """A state that an effect adds. ``size`` is what counts as large for it; errors are kept small against that."""
+
+    symbol: str
+    meaning: str
+    unit: str
+    size: float
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """All there is to say about one effect. See the package's docstring for its functions."""
+
+    name: str
+    """As in a report: ``contact-rate``."""
+    sentence: str
+    """One plain sentence for people who drill."""
+    equation: str
+    source: str
+    """A publication, or ``constitutive`` for a textbook form that needs none."""
+    parameters: tuple[Parameter, ...]
+    balances: tuple[Balance, ...]
+    """The force balances in which it may act."""
+    regimes: tuple[RegimeName, ...]
+    """The regimes in which it acts."""
+    energy: Literal["loses", "stores", "moves", "none"]
+    """What it does to the rig's energy: only takes it, gives back what it took, either, or nothing of its own."""
+    extras: tuple[Extra, ...] = ()
+    term: Callable | None = None
+    shape: Callable | None = None
+    switched: Callable | None = None
+    comes_last: bool = False
+    """Its term needs the whole force of the rock, so it is called after the others."""
+    moves_face: bool = False
+    """Its first extra state is the speed of the rock's face in m/s."""
+
+    @property
+    def neutral(self) -> tuple[float, ...]:
+        """The neutral values, in the order of the parameters."""
+        return tuple(parameter.neutral for parameter in self.parameters)
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """An effect with values for its parameters, in their order. Get one from :func:`make`."""
+
+    effect: Effect
+    values: tuple[float, ...]
+
+    @property
+    def is_neutral(self) -> bool:
+        """Whether every parameter is at its neutral value."""
+        return self.values == self.effect.neutral
+
+
+def make(name: str, **values: float) -> Chosen:
+    """An effect of the registry with values for its parameters by symbol; those left out are neutral.
+
+    Raises:
+        InputError: no such effect or parameter, or a value outside its bounds.
+    """
+    choice("effect", name, tuple(REGISTRY))
+    effect = REGISTRY[name]
+    symbols = tuple(parameter.symbol for parameter in effect.parameters)
+    for symbol in values:
+        if symbol not in symbols:
+            raise InputError(f"effect {name} has no parameter {symbol!r}: its parameters are {', '.join(symbols)}")
+    chosen = [
+        number(f"{name} {part.symbol}", values.get(part.symbol, part.neutral), part.low, part.high, part.unit)
+        for part in effect.parameters
+    ]
+    return Chosen(effect, tuple(chosen))
+
+
+def _found() -> MappingProxyType[str, Effect]:
+    """Every effect of this package by name."""
+    found: dict[str, Effect] = {}
+    for module in sorted(info.name for info in pkgutil.iter_modules(__path__)):
+        effect = importlib.import_module(f"{__name__}.{module}").EFFECT
+        if effect.name in found:
+            raise RuntimeError(f"two effects are called {effect.name}: rename the one in {module}.py")
+        found[effect.name] = effect
+    return MappingProxyType(found)
+
+
+REGISTRY = _found()
+"""Every effect by name."""

@@ -1,0 +1,25 @@
+"""Cylinder pressure that falls as the piston advances."""
+
+from drillenv.dynamics.effects import EVERYWHERE, ON_SHAKER, Effect, Extra, Parameter
+
+
+def _term(now, own, p, push, rates):
+    push[ON_SHAKER] -= own[0]
+    rates[0] = p[0] * now.v1 - own[0] / p[1]
+
+
+EFFECT = Effect(
+    name="air-spring",
+    sentence="The cylinder's force falls as the piston advances, and the supply restores it slowly.",
+    equation="static force F_b - s, s' = k_a X1' - s / tau",
+    source="constitutive",
+    parameters=(
+        Parameter("k_a", "stiffness of the enclosed air", "N/m", 0.0, 1e6, 0.0),
+        Parameter("tau", "time the supply takes to restore the pressure", "s", 1e-3, 100.0, 1.0),
+    ),
+    balances=("shaker",),
+    regimes=EVERYWHERE,
+    energy="moves",
+    extras=(Extra("s", "force the cylinder has lost", "N", 10.0),),
+    term=_term,
+)

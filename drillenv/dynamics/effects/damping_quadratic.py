@@ -1,0 +1,22 @@
+"""Coupling damping that grows with speed."""
+
+from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+
+
+def _term(now, own, p, push, rates):
+    force = p[0] * abs(now.closing) * now.closing
+    push[ON_SHAKER] -= force
+    push[ON_INDENTER] += force
+
+
+EFFECT = Effect(
+    name="damping-quadratic",
+    sentence="The damping between shaker and indenter grows with their relative speed.",
+    equation="coupling force + c2 |X1' - X2'| (X1' - X2')",
+    source="constitutive",
+    parameters=(Parameter("c2", "quadratic damping of the coupling", "N s^2/m^2", 0.0, 1e5, 0.0),),
+    balances=("indenter",),
+    regimes=EVERYWHERE,
+    energy="loses",
+    term=_term,
+)

@@ -1,0 +1,29 @@
+"""Multiples of the excitation frequency in the drive force."""
+
+import math
+
+from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, Effect, Parameter
+
+
+def _term(now, own, p, push, rates):
+    second = p[0] * math.sin(2.0 * now.theta + p[1])
+    third = p[2] * math.sin(3.0 * now.theta + p[3])
+    push[ON_INDENTER] += now.drive * (second + third)
+
+
+EFFECT = Effect(
+    name="drive-harmonics",
+    sentence="The shaker adds the second and third multiple of the excitation frequency to its force.",
+    equation="drive force + F_a (h2 sin(2 theta + phi2) + h3 sin(3 theta + phi3))",
+    source="constitutive",
+    parameters=(
+        Parameter("h2", "second harmonic over F_a", "1", 0.0, 1.0, 0.0),
+        Parameter("phi2", "phase of the second harmonic", "rad", -2 * math.pi, 2 * math.pi, 0.0),
+        Parameter("h3", "third harmonic over F_a", "1", 0.0, 1.0, 0.0),
+        Parameter("phi3", "phase of the third harmonic", "rad", -2 * math.pi, 2 * math.pi, 0.0),
+    ),
+    balances=("indenter",),
+    regimes=EVERYWHERE,
+    energy="moves",
+    term=_term,
+)

@@ -1,0 +1,34 @@
+"""A rock on a mount that gives."""
+
+import math
+
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
+
+
+def _term(now, own, p, push, rates):
+    compliance, mass, ratio = p[0], p[1], p[2]
+    if compliance == 0.0:
+        rates[0] = 0.0
+    else:
+        damping = 2.0 * ratio * math.sqrt(mass / compliance)
+        rates[0] = (now.rock - now.face / compliance - damping * own[0]) / mass
+
+
+EFFECT = Effect(
+    name="rock-mount-compliance",
+    sentence="The rock sits on a mount that gives under the blows, and swings back.",
+    equation="m_r u'' = R - u / s_r - 2 zeta_r sqrt(m_r / s_r) u', the rock law acting on X2 - u",
+    source="constitutive",
+    parameters=(
+        Parameter("s_r", "compliance of the mount, 1 / stiffness", "m/N", 0.0, 1e-5, 0.0),
+        Parameter("m_r", "mass of the rock and what it is clamped in", "kg", 0.1, 1e4, 50.0),
+        Parameter("zeta_r", "damping ratio of the mount", "1", 0.0, 2.0, 0.05),
+    ),
+    balances=("contact",),
+    regimes=EVERYWHERE,
+    energy="moves",
+    extras=(Extra("u'", "speed of the rock's face", "m/s", 0.1),),
+    term=_term,
+    comes_last=True,
+    moves_face=True,
+)

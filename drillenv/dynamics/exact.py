@@ -1,0 +1,553 @@
+"""The exact engine: closed-form flow from switch to switch, for the linear rock law.
+
+A regime ends where a known function of time first rises through zero: the gap ``w`` in free flight, ``-v2`` while
+loading, ``v2`` or ``-w`` while unloading. All are sums of a polynomial, a harmonic and two damped pairs, evaluated with
+their derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in steps of about a quarter of its
+quickest motion. On each step the cubic through values and slopes at both ends, whose error is at most
+``h^4 / 384`` times the largest fourth derivative, says whether a maximum inside could reach zero; if so, that maximum
+is found on the exact solution. So a contact that begins and ends inside one step is not missed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.flow import (
+    AMPLITUDE,
+    INLINE,
+    KERNEL,
+    FAST,
+    FORCED,
+    FREE,
+    FREE_Y,
+    LOADING,
+    M1,
+    M2,
+    OMEGA,
+    RELATIVE,
+    SHARE,
+    SLOW,
+    STATIC,
+    STEP,
+    STIFFNESS,
+    SWING,
+    UNLOADING,
+    C,
+    K,
+    contact_coefficients,
+    contact_matrix,
+    contact_state,
+    free_coefficients,
+    free_matrix,
+    free_state,
+    pair_at,
+    quickest,
+    sine_cosine,
+)
+
+TURN = 2 * math.pi
+
+# Where things stand in a state vector.
+Y, V1, V2, W, ORIGIN, CARRY, THETA, SINE, COSINE, TURNS, REGIME = range(11)
+STATE_SIZE = 11
+"""y, v1, v2, w (see flow.py), the origin with the rounding it owes, the phase in [0, 2 pi) with its sine and cosine,
+whole turns, the regime."""
+
+# Where things stand in a tally.
+IMPACTS, CONTACTS, SWITCHES, PEAK_FORCE, PEAK_SPEED = range(5)
+TALLY_SIZE = 5
+"""Counts of force peaks, contacts and switches; the largest force in N and speed at contact in m/s."""
+
+LOG_SIZE = 8
+"""Columns of a log row: whole turns, regime, y, v1, v2, w, origin and phase at the start of a segment."""
+
+# How a regime ends: not yet, at w = 0, or at v2 = 0.
+GOES_ON, AT_SURFACE, AT_REST = 0, 1, 2
+
+
+class Scratch(NamedTuple):
+    """Working memory of the kernels, so that their loops allocate nothing."""
+
+    work: np.ndarray
+    channel: np.ndarray
+    matrix: np.ndarray
+
+
+@njit(**KERNEL)
+def make_scratch() -> Scratch:
+    """Fresh working memory."""
+    return Scratch(np.zeros(16), np.zeros(17), np.zeros((4, 4)))
+
+
+@njit(**INLINE)
+def borrow_scratch(scratch: Scratch) -> Scratch:
+    """The same memory, not counted."""
+    return Scratch(borrowed(scratch.work), borrowed(scratch.channel), borrowed(scratch.matrix))
+
+
+@njit(**KERNEL)
+def fresh_state(model: np.ndarray, theta: float, state: np.ndarray):
+    """The rig at rest: the cylinder leans on the spring, the indenter just touches rock never hit before."""
+    state[:] = 0.0
+    state[Y] = model[0, STATIC] / model[0, K]
+    set_phase(theta, state)
+
+
+@njit(**INLINE)
+def set_phase(theta: float, state: np.ndarray):
+    """Put the excitation at the phase ``theta`` in rad, in [0, 2 pi)."""
+    state[THETA] = theta
+    state[SINE], state[COSINE] = sine_cosine(theta)
+
+
+@njit(**INLINE)
+def acceleration(model: np.ndarray, state: np.ndarray, kappa: float) -> float:
+    """Acceleration of the indenter in m/s^2."""
+    push = model[0, AMPLITUDE] * state[SINE] + model[0, K] * state[Y] + model[0, C] * (state[V1] - state[V2])
+    return (push - kappa * state[W]) / model[0, M2]
+
+
+@njit(**INLINE)
+def shift_origin(state: np.ndarray, shift: float):
+    """Move the origin; the rounding is carried along (Kahan), so that hours of drift cost no digits."""
+    owed = shift + state[CARRY]
+    moved = state[ORIGIN] + owed
+    state[CARRY] = owed - (moved - state[ORIGIN])
+    state[ORIGIN] = moved
+
+
+@njit(**INLINE)
+def settle(model: np.ndarray, state: np.ndarray) -> int:
+    """Set the regime that the state calls for, going over from k_l to k_u or back where it changes. Returns it.
+
+    The sign of v2 decides; where v2 is zero that of the acceleration, and where that is zero too, of its derivative.
+    """
+    w = state[W]
+    if w < 0.0:
+        state[REGIME] = FREE
+        return FREE
+    regime = int(state[REGIME])
+    kappa = model[LOADING if regime == LOADING else UNLOADING, STIFFNESS]
+    heading = state[V2]
+    if heading == 0.0:
+        heading = acceleration(model, state, kappa)
+    if heading == 0.0:
+        speed = state[V1] - state[V2]
+        shaker = (model[0, STATIC] - model[0, K] * state[Y] - model[0, C] * speed) / model[0, M1]
+        heading = model[0, AMPLITUDE] * model[0, OMEGA] * state[COSINE] + model[0, K] * speed + model[0, C] * shaker
+    if w == 0.0:
+        wanted = LOADING if heading > 0.0 else FREE
+    else:
+        wanted = LOADING if heading > 0.0 else UNLOADING
+        if regime != wanted:
+            # the same force at the same place, measured from Xf instead of Xp or the other way round
+            scaled = w * kappa / model[wanted, STIFFNESS]
+            shift_origin(state, w - scaled)
+            state[W] = scaled
+    state[REGIME] = wanted
+    return wanted
+
+
+@njit(**INLINE)
+def open_pair(decay: float, split: float, u: float, v: float, channel: np.ndarray, at: int):
+    """Write u, v of exp(-decay t)(u C + v S) and of its first two time derivatives."""
+    for i in range(at, at + 6, 2):
+        channel[i], channel[i + 1] = u, v
+        u, v = v - decay * u, split * u - decay * v
+
+
+@njit(**INLINE)
+def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch):
+    """Take the coming regime apart into modes; write what the switch functions need into ``scratch.channel``.
+
+    In contact: [0:2] sine and cosine part of v2, [5:11] u, v of the fast pair in v2 and its first two derivatives,
+    [11:17] of the slow pair. In flight: [0:3] the parabola of w, [3:5] its sine and cosine part, [5:11] u, v of the pair
+    in w and its first two derivatives.
+    """
+    work, channel = scratch.work, scratch.channel
+    sine, cosine = state[SINE], state[COSINE]
+    if regime == FREE:
+        free_coefficients(model, state, sine, cosine, work)
+        share = model[0, SHARE]
+        channel[0] = work[0] - share * model[0, FREE_Y]
+        channel[1] = work[1]
+        channel[2] = work[2]
+        channel[3] = -model[0, SWING] / model[0, OMEGA] - share * model[0, FREE_Y + 1]
+        channel[4] = -share * model[0, FREE_Y + 2]
+        open_pair(model[0, RELATIVE], model[0, RELATIVE + 1], -share * work[3], -share * work[4], channel, 5)
+        return
+    contact_coefficients(model, regime, state, sine, cosine, work)
+    channel[0], channel[1] = model[regime, FORCED + 6], model[regime, FORCED + 10]
+    open_pair(model[regime, FAST], model[regime, FAST + 1], work[2], work[6], channel, 5)
+    open_pair(model[regime, SLOW], model[regime, SLOW + 1], work[10], work[14], channel, 11)
+
+
+@njit(**INLINE)
+def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float):
+    """w, v2 and the acceleration, a time ``t`` into a flight that began at phase ``theta``."""
+    omega = model[0, OMEGA]
+    c, s = pair_at(model[0, RELATIVE], model[0, RELATIVE + 1], model[0, RELATIVE + 2], t)
+    sine, cosine = sine_cosine(theta + omega * t)
+    wave = channel[3] * sine + channel[4] * cosine
+    wave_speed = omega * (channel[3] * cosine - channel[4] * sine)
+    w = channel[0] + t * (channel[1] + 0.5 * t * channel[2]) + wave + c * channel[5] + s * channel[6]
+    v = channel[1] + t * channel[2] + wave_speed + c * channel[7] + s * channel[8]
+    a = channel[2] - omega * omega * wave + c * channel[9] + s * channel[10]
+    return w, v, a
+
+
+@njit(**INLINE)
+def probe_contact(model: np.ndarray, regime: int, channel: np.ndarray, work: np.ndarray, theta: float, t: float):
+    """w, v2, the acceleration and its derivative, a time ``t`` into a contact regime that began at phase ``theta``."""
+    omega = model[0, OMEGA]
+    fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
+    sc, ss = pair_at(model[regime, SLOW], model[regime, SLOW + 1], model[regime, SLOW + 2], t)
+    sine, cosine = sine_cosine(theta + omega * t)
+    w = model[regime, FORCED + 3] + sine * model[regime, FORCED + 7] + cosine * model[regime, FORCED + 11]
+    w += fc * work[3] + fs * work[7] + sc * work[11] + ss * work[15]
+    wave = channel[0] * sine + channel[1] * cosine
+    v = wave + fc * channel[5] + fs * channel[6] + sc * channel[11] + ss * channel[12]
+    a = omega * (channel[0] * cosine - channel[1] * sine)
+    a += fc * channel[7] + fs * channel[8] + sc * channel[13] + ss * channel[14]
+    j = -omega * omega * wave + fc * channel[9] + fs * channel[10] + sc * channel[15] + ss * channel[16]
+    return w, v, a, j
+
+
+@njit(**INLINE)
+def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta: float, t: float):
+    """The switch function, its first two derivatives, and w. ``release``: unloading asked for w instead of v2."""
+    if regime == FREE:
+        w, v, a = probe_free(model, scratch.channel, theta, t)
+        return w, v, a, w
+    w, v, a, j = probe_contact(model, regime, scratch.channel, scratch.work, theta, t)
+    if release:
+        return -w, -v, -a, w
+    if regime == LOADING:
+        return -v, -a, -j, w
+    return v, a, j, w
+
+
+@njit(**INLINE)
+def fourth_derivative_bound(model: np.ndarray, regime: int, channel: np.ndarray, t: float, h: float) -> float:
+    """A bound on the fourth derivative of the switch function (w in flight, v2 in contact) over [t, t + h]."""
+    if regime == FREE:
+        bound = model[0, OMEGA] ** 4 * (abs(channel[3]) + abs(channel[4]))
+        return bound + _pair_bound(model, 0, RELATIVE, channel[5], channel[6], t, h)
+    bound = model[0, OMEGA] ** 4 * (abs(channel[0]) + abs(channel[1]))
+    bound += _pair_bound(model, regime, FAST, channel[5], channel[6], t, h)
+    return bound + _pair_bound(model, regime, SLOW, channel[11], channel[12], t, h)
+
+
+@njit(**INLINE)
+def _pair_bound(model: np.ndarray, regime: int, at: int, u: float, v: float, t: float, h: float) -> float:
+    decay, split, root = model[regime, at], model[regime, at + 1], model[regime, at + 2]
+    rate = quickest(decay, split, root)
+    reach = t + h + 4.0 / rate
+    if root > 0.0:
+        reach = min(1.0 / root, reach)
+    envelope = decay - root if split > 0.0 else decay
+    return rate**4 * (abs(u) + abs(v) * reach) * math.exp(-envelope * t)
+
+
+@njit(**INLINE)
+def hidden_maximum(f0: float, d0: float, f1: float, d1: float, h: float):
+    """Place and value of the inner maximum of the cubic through values f and slopes d at 0 and h; place -1 if none."""
+    rise = (f1 - f0) / h
+    c2 = (3.0 * rise - 2.0 * d0 - d1) / h
+    c3 = (d0 + d1 - 2.0 * rise) / (h * h)
+    under = c2 * c2 - 3.0 * c3 * d0
+    if under < 0.0:
+        return -1.0, 0.0
+    root = math.sqrt(under)
+    if c2 <= 0.0:
+        place = d0 / (root - c2) if root - c2 > 0.0 else -1.0
+    else:
+        place = -(c2 + root) / (3.0 * c3) if c3 != 0.0 else -1.0
+    if not 0.0 < place < h:
+        return -1.0, 0.0
+    return place, f0 + place * (d0 + place * (c2 + place * c3))
+
+
+@njit(**INLINE)
+def cubic_root(f0: float, d0: float, f1: float, d1: float, h: float) -> float:
+    """Where the cubic through values f and slopes d at 0 and h rises through zero, for f0 <= 0 <= f1; a first guess."""
+    rise = (f1 - f0) / h
+    c2 = (3.0 * rise - 2.0 * d0 - d1) / h
+    c3 = (d0 + d1 - 2.0 * rise) / (h * h)
+    if f0 == 0.0:
+        under = c2 * c2 - 4.0 * c3 * d0
+        s = -2.0 * d0 / (c2 + math.sqrt(under)) if under >= 0.0 else 0.5 * h
+        return s if 0.0 < s <= h else 0.5 * h
+    low, high = 0.0, h
+    s = h * f0 / (f0 - f1)
+    for _ in range(2):
+        value = f0 + s * (d0 + s * (c2 + s * c3))
+        slope = d0 + s * (2.0 * c2 + s * 3.0 * c3)
+        if value < 0.0:
+            low = s
+        else:
+            high = s
+        s = s - value / slope if slope > 0.0 else low
+        if not low < s < high:
+            s = 0.5 * (low + high)
+    return s
+
+
+@njit(**INLINE)
+def first_root(model, regime, release, scratch, theta, low, high, guess):
+    """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
+
+    Returns the time, with w and the derivatives of the switch function a rounding away from it: (t, f, d, c, w).
+    """
+    t = guess
+    f = d = c = w = 0.0
+    for _ in range(200):
+        f, d, c, w = probe(model, regime, release, scratch, theta, t)
+        if f < 0.0:
+            low = t
+        else:
+            high = t
+        following = 0.5 * (low + high)
+        if d > 0.0:
+            step = -f / d
+            bend = 1.0 - 0.5 * f * c / (d * d)
+            if bend > 0.5:
+                step /= bend
+            if low <= t + step <= high:
+                following = t + step
+                # Halley's step cubes the relative error: after this one nothing is left
+                if abs(step) <= 1e-5 * t:
+                    return following, f, d, c, w
+        if following == t or high - low <= 4e-16 * high:
+            return following, f, d, c, w
+        t = following
+    return t, f, d, c, w
+
+
+@njit(**INLINE)
+def inner_maximum(model, regime, scratch, theta, low, high, guess):
+    """The maximum of the switch function in [low, high] near ``guess``: place, value."""
+    t = guess
+    f = 0.0
+    for _ in range(60):
+        f, d, c, _w = probe(model, regime, False, scratch, theta, t)
+        if d > 0.0:
+            low = t
+        else:
+            high = t
+        following = t - d / c if c < 0.0 else 0.5 * (low + high)
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - t) <= 1e-12 * t or high - low <= 4e-16 * high:
+            break
+        t = following
+    return t, f
+
+
+@njit(**INLINE)
+def suspect(model, regime, scratch, t0, f0, d0, t1, f1, d1) -> float:
+    """Where inside (t0, t1) the switch function may touch zero, as far as values and slopes at the ends tell; or -1."""
+    h = t1 - t0
+    if h <= 0.0 or not (d0 > 0.0 or d1 < 0.0):
+        return -1.0
+    place, top = hidden_maximum(f0, d0, f1, d1, h)
+    if place <= 0.0 or top <= -(h**4) / 384.0 * fourth_derivative_bound(model, regime, scratch.channel, t0, h):
+        return -1.0
+    return t0 + place
+
+
+@njit(**INLINE)
+def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch, limit: float):
+    """Time to the end of this regime, and how it ends: GOES_ON (at ``limit``), AT_SURFACE or AT_REST."""
+    theta = state[THETA]
+    if regime == FREE:
+        shortest = 2.0 / model[0, OMEGA]
+        f0, d0 = state[W], state[V2]
+    elif regime == LOADING:
+        shortest = model[LOADING, STEP]
+        f0, d0 = -state[V2], -acceleration(model, state, model[LOADING, STIFFNESS])
+    else:
+        shortest = model[UNLOADING, STEP]
+        f0, d0 = state[V2], acceleration(model, state, model[UNLOADING, STIFFNESS])
+    t0, w0 = 0.0, state[W]
+    step = shortest
+    splits = 0
+    while True:
+        t1 = min(t0 + step, limit)
+        f1, d1, _c1, w1 = probe(model, regime, False, scratch, theta, t1)
+        if regime == UNLOADING and w1 <= 0.0:
+            # w falls through zero in between; it is the end unless v2 rises through zero before
+            guess = t0 + cubic_root(-w0, -f0, -w1, -f1, t1 - t0)
+            tau, _f, f1, d1, _w = first_root(model, regime, True, scratch, theta, t0, t1, guess)
+            place = suspect(model, regime, scratch, t0, f0, d0, tau, -f1, -d1)
+            if place > 0.0:
+                place, top = inner_maximum(model, regime, scratch, theta, t0, tau, place)
+                if top >= 0.0:
+                    return first_root(model, regime, False, scratch, theta, t0, place, 0.5 * (t0 + place))[0], AT_REST
+            return tau, AT_SURFACE
+        hit = f1 >= 0.0
+        # past a crossing only a maximum and a minimum before it would matter, and then the slope ends upward
+        if not hit or (d0 > 0.0 and d1 >= 0.0):
+            place = suspect(model, regime, scratch, t0, f0, d0, t1, f1, d1)
+            if place > 0.0:
+                if splits < 2:
+                    # a shorter step mostly shows that there is nothing
+                    splits += 1
+                    step = place - t0
+                    continue
+                place, top = inner_maximum(model, regime, scratch, theta, t0, t1, place)
+                if top >= 0.0 or not hit:
+                    # the maximum is a crossing, or none comes before it: the step ends there
+                    t1 = place
+                    f1, d1, _c1, w1 = probe(model, regime, False, scratch, theta, t1)
+                    hit = f1 >= 0.0
+        if hit:
+            guess = t0 + cubic_root(f0, d0, f1, d1, t1 - t0)
+            tau, _f, _d, _c, w1 = first_root(model, regime, False, scratch, theta, t0, t1, guess)
+            if regime == UNLOADING and w1 <= 0.0:
+                # w dipped below zero and came back within the step
+                guess = t0 + cubic_root(-w0, -f0, -w1, 0.0, tau - t0)
+                return first_root(model, regime, True, scratch, theta, t0, tau, guess)[0], AT_SURFACE
+            return tau, AT_SURFACE if regime == FREE else AT_REST
+        if t1 >= limit:
+            return limit, GOES_ON
+        t0, f0, d0, w0 = t1, f1, d1, w1
+        splits = 0
+        step = shortest
+        if regime != FREE:
+            # as far as the cubic can be trusted to tell that nothing happens on the way
+            bound = fourth_derivative_bound(model, regime, scratch.channel, t0, shortest)
+            step = min(max(math.sqrt(math.sqrt(100.0 * abs(f0) / bound)), shortest), 2.0 / model[0, OMEGA])
+
+
+@njit(**INLINE)
+def begin(model: np.ndarray, state: np.ndarray, scratch: Scratch) -> int:
+    """Enter the regime that the state calls for. Returns it."""
+    regime = settle(model, state)
+    open_channel(model, regime, state, scratch)
+    return regime
+
+
+@njit(**INLINE)
+def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, scratch: Scratch) -> float:
+    """Go through the regime just begun, to its switch but at most ``limit`` s on. Returns the time taken."""
+    tau, ending = find_switch(model, regime, state, scratch, limit)
+    theta = state[THETA] + model[0, OMEGA] * tau
+    sine, cosine = sine_cosine(theta)
+    if regime == FREE:
+        free_state(model, scratch.work, sine, cosine, tau, state)
+        # rounding must not leave a contact that has not begun
+        state[W] = min(state[W], 0.0)
+    else:
+        contact_state(model, regime, scratch.work, sine, cosine, tau, state)
+    if ending == AT_SURFACE:
+        state[W] = 0.0
+    elif ending == AT_REST:
+        state[V2] = 0.0
+    while theta >= TURN:
+        theta -= TURN
+        state[TURNS] += 1.0
+    state[THETA], state[SINE], state[COSINE] = theta, sine, cosine
+    return tau
+
+
+@njit(**INLINE)
+def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally: np.ndarray):
+    """Enter the switch from ``before`` to ``regime``, on which the state stands, into the tally."""
+    if regime == before:
+        return
+    tally[SWITCHES] += 1.0
+    if regime == UNLOADING:
+        tally[IMPACTS] += 1.0
+        tally[PEAK_FORCE] = max(tally[PEAK_FORCE], model[UNLOADING, STIFFNESS] * state[W])
+    elif before == FREE:
+        tally[CONTACTS] += 1.0
+        tally[PEAK_SPEED] = max(tally[PEAK_SPEED], state[V2])
+
+
+@njit(**KERNEL)
+def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.ndarray, scratch: Scratch):
+    """Move the state ``duration`` seconds on; what happens is added to the tally."""
+    model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
+    left = duration
+    while left > 0.0:
+        before = int(state[REGIME])
+        regime = begin(model, state, scratch)
+        count(model, state, before, regime, tally)
+        left -= complete(model, state, regime, left, scratch)
+
+
+@njit(**KERNEL)
+def advance_period(model: np.ndarray, state: np.ndarray, tally: np.ndarray, scratch: Scratch):
+    """Move the state one excitation period on, back to exactly the phase where it stands."""
+    theta, turns = state[THETA], state[TURNS]
+    advance(model, state, TURN / model[0, OMEGA], tally, scratch)
+    set_phase(theta, state)
+    state[TURNS] = turns + 1.0
+
+
+@njit(**KERNEL)
+def advance_tangent(model: np.ndarray, state: np.ndarray, tangent: np.ndarray, tally: np.ndarray, scratch: Scratch):
+    """As ``advance_period``; also multiplies ``tangent`` (4, n) by the derivative of the map of (y, v1, v2, w).
+
+    The vector field is continuous over every switch in these coordinates, apart from the change of scale of w where
+    k_l takes over from k_u or the other way round, so that the switch (saltation) matrices are 1 or diag(1, 1, 1, r).
+    """
+    theta, turns = state[THETA], state[TURNS]
+    model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
+    left = TURN / model[0, OMEGA]
+    matrix = scratch.matrix
+    columns = tangent.shape[1]
+    while left > 0.0:
+        before = int(state[REGIME])
+        regime = begin(model, state, scratch)
+        count(model, state, before, regime, tally)
+        if before != FREE and regime != FREE and regime != before:
+            ratio = model[before, STIFFNESS] / model[regime, STIFFNESS]
+            for j in range(columns):
+                tangent[3, j] *= ratio
+        tau = complete(model, state, regime, left, scratch)
+        left -= tau
+        if regime == FREE:
+            free_matrix(model, tau, matrix)
+        else:
+            contact_matrix(model, regime, tau, matrix)
+        for j in range(columns):
+            a, b, c, d = tangent[0, j], tangent[1, j], tangent[2, j], tangent[3, j]
+            for i in range(4):
+                tangent[i, j] = matrix[i, 0] * a + matrix[i, 1] * b + matrix[i, 2] * c + matrix[i, 3] * d
+    set_phase(theta, state)
+    state[TURNS] = turns + 1.0
+
+
+@njit(**KERNEL)
+def advance_logged(model: np.ndarray, state: np.ndarray, duration: float, log: np.ndarray, scratch: Scratch):
+    """Move the state up to ``duration`` seconds on, writing a row of ``log`` (n, LOG_SIZE) at each segment's start.
+
+    Returns the rows written and the time left, which is above zero where the log was full.
+    """
+    model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
+    left = duration
+    row = 0
+    while left > 0.0 and row < log.shape[0]:
+        regime = begin(model, state, scratch)
+        log[row, 0] = state[TURNS]
+        log[row, 1] = regime
+        for i in range(4):
+            log[row, 2 + i] = state[i]
+        log[row, 6] = state[ORIGIN]
+        log[row, 7] = state[THETA]
+        row += 1
+        left -= complete(model, state, regime, left, scratch)
+    return row, left
+
+
+@njit(**KERNEL)
+def run_periods(model: np.ndarray, state: np.ndarray, periods: int, tally: np.ndarray):
+    """Move the state whole periods on, with no stop at their ends: the bare engine, as `make bench` times it."""
+    advance(model, state, periods * TURN / model[0, OMEGA], tally, make_scratch())

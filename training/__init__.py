@@ -1,0 +1,1 @@
+"""Training and evaluating controllers, and the league table that compares them."""
