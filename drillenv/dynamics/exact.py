@@ -233,25 +233,28 @@ def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta
 
 
 @njit(**INLINE)
-def fourth_derivative_bound(model: np.ndarray, regime: int, channel: np.ndarray, t: float, h: float) -> float:
-    """A bound on the fourth derivative of the switch function (w in flight, v2 in contact) over [t, t + h]."""
+def fourth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray):
+    """Bounds on the fourth derivative of the switch function (w in flight, v2 in contact) over the whole regime.
+
+    Returns (lasting, fading, rate): the bound at a time t into the regime is ``lasting + fading * exp(-rate * t)``.
+    """
+    quick = model[0, OMEGA] ** 4
     if regime == FREE:
-        bound = model[0, OMEGA] ** 4 * (abs(channel[3]) + abs(channel[4]))
-        return bound + _pair_bound(model, 0, RELATIVE, channel[5], channel[6], t, h)
-    bound = model[0, OMEGA] ** 4 * (abs(channel[0]) + abs(channel[1]))
-    bound += _pair_bound(model, regime, FAST, channel[5], channel[6], t, h)
-    return bound + _pair_bound(model, regime, SLOW, channel[11], channel[12], t, h)
+        fading, rate = _pair_bound(model, 0, RELATIVE, channel[5], channel[6])
+        return quick * (abs(channel[3]) + abs(channel[4])), fading, rate
+    fading, rate = _pair_bound(model, regime, FAST, channel[5], channel[6])
+    slow, _rate = _pair_bound(model, regime, SLOW, channel[11], channel[12])
+    return quick * (abs(channel[0]) + abs(channel[1])) + slow, fading, rate
 
 
 @njit(**INLINE)
-def _pair_bound(model: np.ndarray, regime: int, at: int, u: float, v: float, t: float, h: float) -> float:
+def _pair_bound(model: np.ndarray, regime: int, at: int, u: float, v: float):
+    """Bound on the fourth derivative of exp(-decay t)(u C + v S) at t = 0, and the rate at which the bound falls."""
     decay, split, root = model[regime, at], model[regime, at + 1], model[regime, at + 2]
     rate = quickest(decay, split, root)
-    reach = t + h + 4.0 / rate
-    if root > 0.0:
-        reach = min(1.0 / root, reach)
-    envelope = decay - root if split > 0.0 else decay
-    return rate**4 * (abs(u) + abs(v) * reach) * math.exp(-envelope * t)
+    # near critical damping S is t exp(-decay t), never above 1 / (e decay)
+    reach = 4.0 / rate + min(1.0 / root if root > 0.0 else np.inf, 1.0 / decay if decay > 0.0 else np.inf)
+    return rate**4 * (abs(u) + abs(v) * reach), decay - root if split > 0.0 else decay
 
 
 @njit(**INLINE)
@@ -350,15 +353,36 @@ def inner_maximum(model, regime, scratch, theta, low, high, guess):
 
 
 @njit(**INLINE)
-def suspect(model, regime, scratch, t0, f0, d0, t1, f1, d1) -> float:
-    """Where inside (t0, t1) the switch function may touch zero, as far as values and slopes at the ends tell; or -1."""
-    h = t1 - t0
-    if h <= 0.0 or not (d0 > 0.0 or d1 < 0.0):
-        return -1.0
+def stays_below(f0: float, d0: float, f1: float, d1: float, h: float, bound: float) -> bool:
+    """Whether a function with values f <= 0 and slopes d at 0 and h surely stays below zero in between.
+
+    ``bound`` is on its fourth derivative, so that it differs from its cubic by at most ``bound s^2 (h - s)^2 / 24``.
+    """
+    error = bound * h**4 / 384.0
     place, top = hidden_maximum(f0, d0, f1, d1, h)
-    if place <= 0.0 or top <= -(h**4) / 384.0 * fourth_derivative_bound(model, regime, scratch.channel, t0, h):
-        return -1.0
-    return t0 + place
+    if place > 0.0 and top + error >= 0.0:
+        return False
+    if max(f0, f1) + error < 0.0:
+        return True
+    # an end is near zero: from there the function must fall, by the cubic and its error written as end + s * (...)
+    rise = (f1 - f0) / h
+    c2 = (3.0 * rise - 2.0 * d0 - d1) / h
+    c3 = (d0 + d1 - 2.0 * rise) / (h * h)
+    spread = bound * h * h / 24.0
+    half = 0.5 * h
+    if f0 + error >= 0.0 and not _falls(d0, c2 + spread, c3, half):
+        return False
+    return f1 + error < 0.0 or _falls(-d1, c2 + 3.0 * c3 * h + spread, -c3, half)
+
+
+@njit(**INLINE)
+def _falls(a: float, b: float, c: float, h: float) -> bool:
+    """Whether a + b s + c s^2 stays below zero on (0, h]."""
+    if a > 0.0 or a + h * (b + h * c) >= 0.0:
+        return False
+    if c < 0.0 and 0.0 < b < -2.0 * c * h:
+        return a - 0.25 * b * b / c < 0.0
+    return True
 
 
 @njit(**INLINE)
@@ -366,7 +390,7 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
     """Time to the end of this regime, and how it ends: GOES_ON (at ``limit``), AT_SURFACE or AT_REST."""
     theta = state[THETA]
     if regime == FREE:
-        shortest = 2.0 / model[0, OMEGA]
+        shortest = 2.0 / max(model[0, OMEGA], quickest(model[0, RELATIVE], model[0, RELATIVE + 1], model[0, RELATIVE + 2]))
         f0, d0 = state[W], state[V2]
     elif regime == LOADING:
         shortest = model[LOADING, STEP]
@@ -374,40 +398,42 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
     else:
         shortest = model[UNLOADING, STEP]
         f0, d0 = state[V2], acceleration(model, state, model[UNLOADING, STIFFNESS])
+    lasting, fading, rate = fourth_derivative_bounds(model, regime, scratch.channel)
+    bound = lasting + fading
     t0, w0 = 0.0, state[W]
     step = shortest
-    splits = 0
     while True:
         t1 = min(t0 + step, limit)
+        h = t1 - t0
         f1, d1, _c1, w1 = probe(model, regime, False, scratch, theta, t1)
         if regime == UNLOADING and w1 <= 0.0:
             # w falls through zero in between; it is the end unless v2 rises through zero before
-            guess = t0 + cubic_root(-w0, -f0, -w1, -f1, t1 - t0)
-            tau, _f, f1, d1, _w = first_root(model, regime, True, scratch, theta, t0, t1, guess)
-            place = suspect(model, regime, scratch, t0, f0, d0, tau, -f1, -d1)
+            guess = t0 + cubic_root(-w0, -f0, -w1, -f1, h)
+            tau, _f, slope, bend, _w = first_root(model, regime, True, scratch, theta, t0, t1, guess)
+            if stays_below(f0, d0, -slope, -bend, tau - t0, bound) or h < 1e-3 * shortest:
+                return tau, AT_SURFACE
+            step *= 0.5
+            continue
+        # past a crossing only a maximum and a minimum before it would matter: then the cubic has them too, or is poor
+        error = bound * h**4 / 384.0
+        if f1 >= 0.0:
+            sure = error < 0.1 * max(f1, -f0) and (d0 <= 0.0 or d1 < 0.0 or hidden_maximum(f0, d0, f1, d1, h)[0] < 0.0)
+        else:
+            sure = stays_below(f0, d0, f1, d1, h, bound)
+        if not sure and h > 0.03 * shortest:
+            step = 0.5 * h
+            continue
+        if not sure:
+            # a touch, or as good as: the exact maximum tells
+            place, top = hidden_maximum(f0, d0, f1, d1, h)
             if place > 0.0:
-                place, top = inner_maximum(model, regime, scratch, theta, t0, tau, place)
-                if top >= 0.0:
-                    return first_root(model, regime, False, scratch, theta, t0, place, 0.5 * (t0 + place))[0], AT_REST
-            return tau, AT_SURFACE
-        hit = f1 >= 0.0
-        # past a crossing only a maximum and a minimum before it would matter, and then the slope ends upward
-        if not hit or (d0 > 0.0 and d1 >= 0.0):
-            place = suspect(model, regime, scratch, t0, f0, d0, t1, f1, d1)
-            if place > 0.0:
-                if splits < 2:
-                    # a shorter step mostly shows that there is nothing
-                    splits += 1
-                    step = place - t0
-                    continue
-                place, top = inner_maximum(model, regime, scratch, theta, t0, t1, place)
-                if top >= 0.0 or not hit:
-                    # the maximum is a crossing, or none comes before it: the step ends there
+                place, top = inner_maximum(model, regime, scratch, theta, t0, t1, t0 + place)
+                if top >= 0.0 and place > t0:
                     t1 = place
+                    h = t1 - t0
                     f1, d1, _c1, w1 = probe(model, regime, False, scratch, theta, t1)
-                    hit = f1 >= 0.0
-        if hit:
-            guess = t0 + cubic_root(f0, d0, f1, d1, t1 - t0)
+        if f1 >= 0.0:
+            guess = t0 + cubic_root(f0, d0, f1, d1, h)
             tau, _f, _d, _c, w1 = first_root(model, regime, False, scratch, theta, t0, t1, guess)
             if regime == UNLOADING and w1 <= 0.0:
                 # w dipped below zero and came back within the step
@@ -417,12 +443,10 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
         if t1 >= limit:
             return limit, GOES_ON
         t0, f0, d0, w0 = t1, f1, d1, w1
-        splits = 0
-        step = shortest
-        if regime != FREE:
-            # as far as the cubic can be trusted to tell that nothing happens on the way
-            bound = fourth_derivative_bound(model, regime, scratch.channel, t0, shortest)
-            step = min(max(math.sqrt(math.sqrt(100.0 * abs(f0) / bound)), shortest), 2.0 / model[0, OMEGA])
+        # as far as the cubic can be trusted to tell that nothing happens on the way
+        bound = lasting + fading * math.exp(-rate * t0)
+        step = max(math.sqrt(math.sqrt(100.0 * abs(f0) / bound)), shortest)
+        step = min(step, 2.0 / model[0, OMEGA])
 
 
 @njit(**INLINE)

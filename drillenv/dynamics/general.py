@@ -18,6 +18,9 @@ state at a switch has the full order, and a contact that begins and ends inside 
 taken the same way, so the motion does not depend on the sample rate.
 """
 
+# Numba hands an intrinsic its first argument itself, which type checkers do not know.
+# pyright: reportCallIssue=false
+
 from __future__ import annotations
 
 import functools
@@ -27,10 +30,11 @@ from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, njit, typeof, types
+from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
 from drillenv.checks import InputError, number
+from drillenv.dynamics.borrow import borrowed
 from drillenv.dynamics.effects import ON_INDENTER, ON_ROCK, ON_SHAKER, Chosen, Moment
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.rig import Rig, Setting
@@ -49,105 +53,43 @@ DONE, STEPS_TOO_SHORT, SWITCHES_TOO_DENSE = range(3)
 # Dormand-Prince 8(5,3), from E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
 # Springer 1993, Sec. II.5 and II.10. For each stage the earlier stages it uses, with their weights.
 
+# fmt: off
 _STAGES: tuple[tuple[tuple[int, float], ...], ...] = (
     ((0, 0.05260015195876773),),
-    ((0, 0.0197250569845379), (1, 0.0591751709536137)),
-    ((0, 0.02958758547680685), (2, 0.08876275643042054)),
-    ((0, 0.2413651341592667), (2, -0.8845494793282861), (3, 0.924834003261792)),
-    ((0, 0.037037037037037035), (3, 0.17082860872947386), (4, 0.12546768756682242)),
-    ((0, 0.037109375), (3, 0.17025221101954405), (4, 0.06021653898045596), (5, -0.017578125)),
-    (
-        (0, 0.03709200011850479),
-        (3, 0.17038392571223998),
-        (4, 0.10726203044637328),
-        (5, -0.015319437748624402),
-        (6, 0.008273789163814023),
-    ),
-    (
-        (0, 0.6241109587160757),
-        (3, -3.3608926294469414),
-        (4, -0.868219346841726),
-        (5, 27.59209969944671),
-        (6, 20.154067550477894),
-        (7, -43.48988418106996),
-    ),
-    (
-        (0, 0.47766253643826434),
-        (3, -2.4881146199716677),
-        (4, -0.590290826836843),
-        (5, 21.230051448181193),
-        (6, 15.279233632882423),
-        (7, -33.28821096898486),
-        (8, -0.020331201708508627),
-    ),
-    (
-        (0, -0.9371424300859873),
-        (3, 5.186372428844064),
-        (4, 1.0914373489967295),
-        (5, -8.149787010746927),
-        (6, -18.52006565999696),
-        (7, 22.739487099350505),
-        (8, 2.4936055526796523),
-        (9, -3.0467644718982196),
-    ),
-    (
-        (0, 2.273310147516538),
-        (3, -10.53449546673725),
-        (4, -2.0008720582248625),
-        (5, -17.9589318631188),
-        (6, 27.94888452941996),
-        (7, -2.8589982771350235),
-        (8, -8.87285693353063),
-        (9, 12.360567175794303),
-        (10, 0.6433927460157636),
-    ),
+    ((0, 0.0197250569845379), (1, 0.0591751709536137),),
+    ((0, 0.02958758547680685), (2, 0.08876275643042054),),
+    ((0, 0.2413651341592667), (2, -0.8845494793282861), (3, 0.924834003261792),),
+    ((0, 0.037037037037037035), (3, 0.17082860872947386), (4, 0.12546768756682242),),
+    ((0, 0.037109375), (3, 0.17025221101954405), (4, 0.06021653898045596), (5, -0.017578125),),
+    ((0, 0.03709200011850479), (3, 0.17038392571223998), (4, 0.10726203044637328), (5, -0.015319437748624402),
+     (6, 0.008273789163814023),),
+    ((0, 0.6241109587160757), (3, -3.3608926294469414), (4, -0.868219346841726), (5, 27.59209969944671),
+     (6, 20.154067550477894), (7, -43.48988418106996),),
+    ((0, 0.47766253643826434), (3, -2.4881146199716677), (4, -0.590290826836843), (5, 21.230051448181193),
+     (6, 15.279233632882423), (7, -33.28821096898486), (8, -0.020331201708508627),),
+    ((0, -0.9371424300859873), (3, 5.186372428844064), (4, 1.0914373489967295), (5, -8.149787010746927),
+     (6, -18.52006565999696), (7, 22.739487099350505), (8, 2.4936055526796523), (9, -3.0467644718982196),),
+    ((0, 2.273310147516538), (3, -10.53449546673725), (4, -2.0008720582248625), (5, -17.9589318631188),
+     (6, 27.94888452941996), (7, -2.8589982771350235), (8, -8.87285693353063), (9, 12.360567175794303),
+     (10, 0.6433927460157636),),
 )
 _WEIGHTS = (
-    0.054293734116568765,
-    4.450312892752409,
-    1.8915178993145003,
-    -5.801203960010585,
-    0.3111643669578199,
-    -0.1521609496625161,
-    0.20136540080403034,
-    0.04471061572777259,
+    0.054293734116568765, 4.450312892752409, 1.8915178993145003, -5.801203960010585, 0.3111643669578199,
+    -0.1521609496625161, 0.20136540080403034, 0.04471061572777259,
 )
 _ERROR_3 = (
-    -0.18980075407240762,
-    4.450312892752409,
-    1.8915178993145003,
-    -5.801203960010585,
-    -0.4226823213237919,
-    -0.1521609496625161,
-    0.20136540080403034,
-    0.02265179219836082,
+    -0.18980075407240762, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919,
+    -0.1521609496625161, 0.20136540080403034, 0.02265179219836082,
 )
 _ERROR_5 = (
-    0.01312004499419488,
-    -1.2251564463762044,
-    -0.4957589496572502,
-    1.6643771824549864,
-    -0.35032884874997366,
-    0.3341791187130175,
-    0.08192320648511571,
-    -0.022355307863886294,
+    0.01312004499419488, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864, -0.35032884874997366,
+    0.3341791187130175, 0.08192320648511571, -0.022355307863886294,
 )
-NODES = np.array(
-    (
-        0.0,
-        0.05260015195876773,
-        0.0789002279381516,
-        0.1183503419072274,
-        0.2816496580927726,
-        0.3333333333333333,
-        0.25,
-        0.3076923076923077,
-        0.6512820512820513,
-        0.6,
-        0.8571428571428571,
-        1.0,
-    )
-)
+NODES = np.array((
+    0.0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726, 0.3333333333333333, 0.25,
+    0.3076923076923077, 0.6512820512820513, 0.6, 0.8571428571428571, 1.0,
+))
+# fmt: on
 
 
 def _table(rows: Iterable[Iterable[tuple[int, float]]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -171,7 +113,7 @@ LAST_WEIGHTS, ERROR_3, ERROR_5 = np.array(_WEIGHTS), np.array(_ERROR_3), np.arra
 # Calling the functions of effects. Each is compiled on its own to a C function; the kernel gets addresses. So the
 # kernel is compiled once, and not again for every set of effects.
 
-MOMENT = typeof(Moment(*[0 if field == "regime" else 0.0 for field in Moment._fields]))
+MOMENT = types.NamedTuple([types.int64 if name == "regime" else types.float64 for name in Moment._fields], Moment)
 _NUMBERS = types.CPointer(types.float64)
 TERM = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
 SHAPE = types.float64(types.float64, types.int64, _NUMBERS, _NUMBERS)
@@ -190,7 +132,7 @@ def _compiled(function: Callable, signature):
 
 def address_of(function: Callable | None, signature) -> int:
     """The address to call a function of an effect at; 0 where there is none."""
-    return 0 if function is None else _compiled(function, signature).address
+    return 0 if function is None else int(_compiled(function, signature).address or 0)
 
 
 def _call(context, builder, signature, address, arguments):
@@ -291,60 +233,51 @@ class Model(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def law_force(model: Model, regime: int, w: float, z: np.ndarray) -> float:
-    """Force of the rock law in N at depth ``w``; negative behind the face, where a trial step may end."""
-    if regime == FREE:
-        return 0.0
-    depth = w
+def bend(model: Model, regime: int, depth: float, z: np.ndarray) -> float:
+    """The depth in m as effects bend it: the force of the rock law over its stiffness."""
     if model.bent:
         table = model.effects
         for i in range(table.shape[0]):
             if table[i, SHAPE_AT] != 0:
                 first, at = table[i, FIRST], table[i, AT]
                 depth = call_shape(table[i, SHAPE_AT], depth, regime, z, first, model.parameters, at)
-    return (model.kl if regime == LOADING else model.ku) * depth
+    return depth
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def law_force(model: Model, regime: int, w: float, z: np.ndarray) -> float:
+    """Force of the rock law in N at depth ``w``; negative behind the face, where a trial step may end."""
+    if regime == FREE:
+        return 0.0
+    return (model.kl if regime == LOADING else model.ku) * bend(model, regime, w, z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def law_depth(model: Model, regime: int, force: float, z: np.ndarray) -> float:
     """Depth in m at which the rock law of a regime has this force."""
-    plain = force / (model.kl if regime == LOADING else model.ku)
-    if not model.bent or force <= 0.0:
-        return plain
-    low, high = 0.0, plain
-    over = law_force(model, regime, high, z) - force
-    if over == 0.0:
-        return plain
+    goal = force / (model.kl if regime == LOADING else model.ku)
+    if not model.bent or goal <= 0.0:
+        return goal
+    low, under, high = 0.0, -goal, goal
+    over = bend(model, regime, high, z) - goal
     while over < 0.0:
-        low, high = high, 2.0 * high
-        over = law_force(model, regime, high, z) - force
-    under = law_force(model, regime, low, z) - force
-    # regula falsi with the Illinois rule, and a bisection wherever that gains less than a half in two steps
-    side, width = 0, high - low
+        low, under, high = high, over, 2.0 * high
+        over = bend(model, regime, high, z) - goal
+    # regula falsi with the Illinois rule, and a bisection now and then in case it creeps
     for turn in range(200):
-        guess = (low * over - high * under) / (over - under)
-        if turn % 3 == 2:
-            if high - low > 0.5 * width:
-                guess = 0.5 * (low + high)
-            width = high - low
+        guess = 0.5 * (low + high)
+        if turn % 4 < 3 and over > under:
+            guess = (low * over - high * under) / (over - under)
         if not low < guess < high:
-            guess = 0.5 * (low + high)
-            if not low < guess < high:
-                break
-        value = law_force(model, regime, guess, z) - force
+            break
+        value = bend(model, regime, guess, z) - goal
         if value == 0.0:
             return guess
         if value > 0.0:
-            high, over = guess, value
-            under = 0.5 * under if side == 1 else under
-            side = 1
+            high, over, under = guess, value, 0.5 * under
         else:
-            low, under = guess, value
-            over = 0.5 * over if side == -1 else over
-            side = -1
-    return (
-        high if abs(law_force(model, regime, high, z) - force) < abs(law_force(model, regime, low, z) - force) else low
-    )
+            low, under, over = guess, value, 0.5 * over
+    return low if abs(bend(model, regime, low, z) - goal) < abs(bend(model, regime, high, z) - goal) else high
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -354,7 +287,7 @@ def face_speed(model: Model, z: np.ndarray) -> float:
     table = model.effects
     for i in range(table.shape[0]):
         if table[i, FACE] == 1:
-            speed += z[table[i, FIRST]]
+            speed += z[int(table[i, FIRST])]
     return speed
 
 
@@ -502,6 +435,43 @@ def step_error(model: Model, z: np.ndarray, h: float, rtol: float, scratch: Scra
     if third == 0.0 and fifth == 0.0:
         return 0.0
     return h * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
+
+
+@njit(cache=True, nogil=True)
+def borrow_scratch(scratch: Scratch) -> Scratch:
+    """The same working memory, its references not counted."""
+    return Scratch(
+        borrowed(scratch.stages),
+        borrowed(scratch.inner),
+        borrowed(scratch.end),
+        borrowed(scratch.trial),
+        borrowed(scratch.trial_slope),
+        borrowed(scratch.start_slope),
+        borrowed(scratch.push),
+    )
+
+
+@njit(cache=True, nogil=True)
+def borrow_model(model: Model) -> Model:
+    """The same model, references to its arrays not counted."""
+    return Model(
+        model.m1,
+        model.m2,
+        model.k,
+        model.c,
+        model.kl,
+        model.ku,
+        model.omega,
+        model.drive,
+        model.static,
+        borrowed(model.effects),
+        borrowed(model.parameters),
+        borrowed(model.sizes),
+        model.tally,
+        model.bent,
+        model.rated,
+        model.longest,
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -755,15 +725,55 @@ def write_sample(model, regime, origin, carry, z, dz, rock, row):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def standing_switch(model: Model, regime: int, z: np.ndarray, dz: np.ndarray) -> int:
+    """The regime that the state calls for: another one where it stands on a switch and is leaving its own."""
+    into, turning = watched(model, z, dz, 1), watched(model, z, dz, 2)
+    if regime == FREE and z[W] >= 0.0 and (into > 0.0 or (into == 0.0 and turning > 0.0)):
+        return LOADING
+    if regime == LOADING and into <= 0.0 and turning < 0.0:
+        return UNLOADING
+    if regime == UNLOADING and into >= 0.0 and turning > 0.0:
+        return LOADING
+    return regime
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def change_regime(model: Model, before: int, after: int, z: np.ndarray) -> float:
+    """Put the state, which stands on the switch, into its next regime. Returns by how much the origin moves, in m."""
+    shift = 0.0
+    if before == FREE or after == FREE:
+        z[W] = 0.0
+    else:
+        # at rest on the face; the force goes on, so the depth is counted anew
+        z[V2] = face_speed(model, z)
+        depth = law_depth(model, after, law_force(model, before, z[W], z), z)
+        shift = z[W] - depth
+        z[W] = depth
+    for i in range(model.effects.shape[0]):
+        first, at = model.effects[i, FIRST], model.effects[i, AT]
+        if model.effects[i, SWITCHED_AT] != 0:
+            call_switched(model.effects[i, SWITCHED_AT], before, after, z, first, model.parameters, at)
+    return shift
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def integrate(
-    model: Model, phase: float, z: np.ndarray, regime: int, seconds: float, rate: float, samples, rtol: float
-):
+    model: Model,
+    phase: float,
+    z: np.ndarray,
+    regime: int,
+    seconds: float,
+    rate: float,
+    samples: np.ndarray,
+    rtol: float,
+    scratch: Scratch,
+) -> tuple:
     """Run for ``seconds`` from ``z``, which is left at the end.
 
     Fills ``samples`` (rows at 1 / rate from time 0 on). Returns (status, time reached, regime, origin, carry, phase
     reached, impacts, switches, counts of steps tried and rejected).
     """
-    scratch = make_scratch(z.size, model.effects.shape[0])
+    model, z, samples, scratch = borrow_model(model), borrowed(z), borrowed(samples), borrow_scratch(scratch)
     stages = scratch.stages
     impacts, switches = np.zeros((64, IMPACT_COLUMNS)), np.zeros((256, SWITCH_COLUMNS))
     impact_count, switch_count, sampled, tried, rejected, standing = 0, 0, 0, 0, 0, 0
@@ -782,16 +792,7 @@ def integrate(
         if sampled == 0 and samples.shape[0] > 0:
             write_sample(model, regime, origin, carry, z, scratch.start_slope, rock, samples[0])
             sampled = 1
-        # a switch that the start itself is on
-        place, into = z[W], watched(model, z, scratch.start_slope, 1)
-        bend = watched(model, z, scratch.start_slope, 2)
-        after = regime
-        if regime == FREE and place >= 0.0 and (into > 0.0 or (into == 0.0 and bend > 0.0)):
-            after = LOADING
-        elif regime == LOADING and into <= 0.0 and bend < 0.0:
-            after = UNLOADING
-        elif regime == UNLOADING and into >= 0.0 and bend > 0.0:
-            after = LOADING
+        after = standing_switch(model, regime, z, scratch.start_slope)
         s = 0.0
         if after == regime:
             if left <= 1e-15 * seconds:
@@ -818,8 +819,6 @@ def integrate(
             # samples on the way
             while sampled < samples.shape[0]:
                 ahead = (sampled / rate - periods * period) - rest
-                if ahead > s and after == regime and left <= s:
-                    ahead = s if ahead <= s + 1e-12 * seconds else ahead
                 if ahead > s:
                     break
                 copy(scratch.end, scratch.trial)
@@ -844,34 +843,27 @@ def integrate(
                 break
             before, regime = regime, after
             if before == FREE:
-                z[W] = 0.0
-                speed, since, peak = z[V2] - face_speed(model, z), time, 0.0
-            elif after == FREE:
-                z[W] = 0.0
-            else:
+                speed, since = z[V2] - face_speed(model, z), time
+            if after == UNLOADING:
                 z[V2] = face_speed(model, z)
-                force = law_force(model, before, z[W], z)
-                if before == LOADING:
-                    top = slope(model, time, theta, before, z, scratch.start_slope, scratch.push)
-                    if impact_count == impacts.shape[0]:
-                        impacts = longer(impacts)
-                    impact = impacts[impact_count]
-                    impact[0], impact[1], impact[2], impact[3], impact[4] = time, max(peak, top), speed, z[W], since
-                    impact_count += 1
-                depth = law_depth(model, after, force, z)
-                origin, carry = add_exactly(origin, carry, z[W] - depth)
-                z[W] = depth
-                peak = 0.0
-            for i in range(model.effects.shape[0]):
-                first, at = model.effects[i, FIRST], model.effects[i, AT]
-                if model.effects[i, SWITCHED_AT] != 0:
-                    call_switched(model.effects[i, SWITCHED_AT], before, after, z, first, model.parameters, at)
+                peak = max(peak, slope(model, time, theta, before, z, scratch.start_slope, scratch.push))
+                if impact_count == impacts.shape[0]:
+                    impacts = longer(impacts)
+                impact = impacts[impact_count]
+                impact[0], impact[1], impact[2], impact[3], impact[4] = time, peak, speed, z[W], since
+                impact_count += 1
+            peak = 0.0
+            origin, carry = add_exactly(origin, carry, change_regime(model, before, after, z))
             if switch_count == switches.shape[0]:
                 switches = longer(switches)
             switches[switch_count, 0], switches[switch_count, 1], switches[switch_count, 2] = time, before, after
             switch_count += 1
         rock = slope(model, time, theta, regime, z, scratch.start_slope, scratch.push)
 
+    while status == DONE and sampled < samples.shape[0]:
+        # the last sample, where rounding puts it just behind the end
+        write_sample(model, regime, origin, carry, z, scratch.start_slope, rock, samples[sampled])
+        sampled += 1
     return (
         status,
         periods * period + rest,
@@ -1030,7 +1022,7 @@ def run_general(
     count = math.floor(seconds * sample_rate * (1 + 1e-12)) + 1 if sample_rate > 0 else 0
     samples = np.zeros((count, SAMPLE_COLUMNS + model.tally - OWN))
     status, reached, regime, origin, carry, end_phase, impacts, switches, tried, rejected = integrate(
-        model, phase, z, regime, seconds, sample_rate, samples, rtol
+        model, phase, z, regime, seconds, sample_rate, samples, rtol, make_scratch(z.size, len(effects))
     )
     if status != DONE:
         why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
@@ -1041,23 +1033,40 @@ def run_general(
     given[order] = energies[BY_EFFECTS:]
     columns = np.ascontiguousarray(samples.T)
     return GeneralRun(
-        np.arange(count) / sample_rate if count else np.zeros(0),
-        *columns[:7],
-        columns[7].astype(np.int8),
-        samples[:, SAMPLE_COLUMNS:][:, extra],
-        Impacts(*np.ascontiguousarray(impacts.T)),
-        Switches(switches[:, 0].copy(), switches[:, 1].astype(np.int8), switches[:, 2].astype(np.int8)),
-        Energy(*(float(part) for part in energies[:BY_EFFECTS]), given, stored_before, _stored(model, z)),
-        Start(
-            *(float(part) for part in z[:U]),
-            int(regime),
-            tuple(float(part) for part in z[OWN : model.tally][extra]),
-            float(z[U]),
+        time=np.arange(count) / sample_rate if count else np.zeros(0),
+        x1=columns[0],
+        x2=columns[1],
+        v1=columns[2],
+        v2=columns[3],
+        acceleration=columns[4],
+        force=columns[5],
+        penetration=columns[6],
+        regime=columns[7].astype(np.int8),
+        extra=samples[:, SAMPLE_COLUMNS:][:, extra],
+        impacts=Impacts(*np.ascontiguousarray(impacts.T)),
+        switches=Switches(switches[:, 0].copy(), switches[:, 1].astype(np.int8), switches[:, 2].astype(np.int8)),
+        energy=Energy(
+            drive=float(energies[BY_DRIVE]),
+            static=float(energies[BY_STATIC]),
+            damper=float(energies[IN_DAMPER]),
+            rock=float(energies[IN_ROCK]),
+            effects=given,
+            stored_before=stored_before,
+            stored_after=_stored(model, z),
         ),
-        end_phase % (2 * math.pi),
-        origin + carry,
-        tried,
-        rejected,
+        end=Start(
+            y=float(z[Y]),
+            v1=float(z[V1]),
+            v2=float(z[V2]),
+            w=float(z[W]),
+            regime=int(regime),
+            extra=tuple(float(part) for part in z[OWN : model.tally][extra]),
+            face=float(z[U]),
+        ),
+        end_phase=end_phase % (2 * math.pi),
+        end_origin=origin + carry,
+        steps=tried,
+        rejected=rejected,
     )
 
 

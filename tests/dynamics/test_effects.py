@@ -27,7 +27,7 @@ def strong(name):
     return make(name, **{p.symbol: p.neutral + 0.02 * (p.high - p.neutral) for p in effect.parameters})
 
 
-def same(one, other, count=None):
+def same(one, other):
     """Bitwise equality of everything but the extra states and the energies of effects."""
     for field in one._fields:
         if field not in ("extra", "end", "energy"):
@@ -139,7 +139,7 @@ def test_air_spring_follows_its_state_equation():
     s = result.extra[:, 0]
     # piecewise smooth only, so Simpson's rule is good to the kinks
     rebuilt = cumulative_simpson(5e3 * result.v1 - s / 0.05, x=result.time, initial=0.0)
-    assert np.max(np.abs(s)) > 1.0
+    assert np.max(np.abs(s)) > 0.1
     assert np.allclose(s, rebuilt, rtol=0, atol=1e-7)
     static = RIG.static_force(SETTING)
     given = cumulative_simpson(-s * result.v1, x=result.time, initial=0.0)[-1]
@@ -153,9 +153,10 @@ def place_in_rock(result):
     return loading, unloading, result.x2 - result.penetration
 
 
-@pytest.mark.parametrize("chi", [0.6, 12.0])
-def test_contact_rate_is_its_equation(chi):
-    result = run(make("contact-rate", chi=chi), rate=200e3)
+@pytest.mark.parametrize(("chi", "volts"), [(0.6, 0.45), (20.0, 2.0)])
+def test_contact_rate_is_its_equation(chi, volts):
+    """The second is so strong that the contact would pull on the way back."""
+    result = run(make("contact-rate", chi=chi), rate=200e3, setting=Setting(90.0, volts, 1.0))
     loading, unloading, depth = place_in_rock(result)
     law = ROCK.unloading_stiffness * depth
     for rows in (loading, unloading):
@@ -164,6 +165,7 @@ def test_contact_rate_is_its_equation(chi):
         assert np.allclose(result.force[rows], expected, rtol=0, atol=1e-7)
     assert np.min(result.force) == 0.0
     assert (np.min(1 + chi * result.v2[unloading]) < 0) == (chi > 10)
+    assert abs(result.energy.error) < 1e-9 * result.energy.drive
 
 
 def test_peak_force_is_the_largest_on_the_way():
@@ -196,7 +198,7 @@ def test_mount_holds_what_it_took():
     assert math.isclose(result.energy.effects[0], -held, rel_tol=1e-6, abs_tol=1e-9)
     # a block too heavy to move is as good as a rigid mount
     heavy = run(make("rock-mount-compliance", s_r=1e-5, m_r=1e4), seconds=0.05)
-    assert np.max(np.abs(heavy.v2 - run(seconds=0.05).v2)) < 0.01
+    assert np.max(np.abs(heavy.v2 - run(seconds=0.05).v2)) < 0.03
 
 
 def test_light_stiff_mount_is_a_softer_rock():
