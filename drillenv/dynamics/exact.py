@@ -1,11 +1,12 @@
 """The exact engine: closed-form flow from switch to switch, for the linear rock law.
 
 A regime ends where a known function of time first rises through zero: the gap ``w`` in free flight, ``-v2`` while
-loading, ``v2`` or ``-w`` while unloading. All are sums of a polynomial, a harmonic and two damped pairs, evaluated with
-their derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in steps of about a quarter of its
-quickest motion. On each step the cubic through values and slopes at both ends, whose error is at most
-``h^4 / 384`` times the largest fourth derivative, says whether a maximum inside could reach zero; if so, that maximum
-is found on the exact solution. So a contact that begins and ends inside one step is not missed.
+loading, ``v2`` or ``-w`` while unloading. All are sums of a polynomial, a harmonic and damped pairs, evaluated with two
+derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in long steps. On each, the quintic through
+values, slopes and curvatures at both ends is off by at most ``bound s^3 (h - s)^3 / 720``, with a bound on the sixth
+derivative from the amplitudes of the modes. Written in Bernstein's basis of degree six that error falls on the middle
+coefficient alone, so that seven numbers not above zero prove that nothing happens on the step, up to its ends. A step
+that cannot be proved is halved. So a contact that begins and ends inside one step is not missed.
 """
 
 from __future__ import annotations
@@ -65,6 +66,9 @@ TALLY_SIZE = 5
 
 LOG_SIZE = 8
 """Columns of a log row: whole turns, regime, y, v1, v2, w, origin and phase at the start of a segment."""
+
+FREE_STEP = 2.2
+"""First step of the search in flight, over the quickest of its rates."""
 
 # How a regime ends: not yet, at w = 0, or at v2 = 0.
 GOES_ON, AT_SURFACE, AT_REST = 0, 1, 2
@@ -233,12 +237,12 @@ def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta
 
 
 @njit(**INLINE)
-def fourth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray):
-    """Bounds on the fourth derivative of the switch function (w in flight, v2 in contact) over the whole regime.
+def sixth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray):
+    """Bounds on the sixth derivative of the switch function (w in flight, v2 in contact) over the whole regime.
 
     Returns (lasting, fading, rate): the bound at a time t into the regime is ``lasting + fading * exp(-rate * t)``.
     """
-    quick = model[0, OMEGA] ** 4
+    quick = model[0, OMEGA] ** 6
     if regime == FREE:
         fading, rate = _pair_bound(model, 0, RELATIVE, channel[5], channel[6])
         return quick * (abs(channel[3]) + abs(channel[4])), fading, rate
@@ -249,48 +253,50 @@ def fourth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray
 
 @njit(**INLINE)
 def _pair_bound(model: np.ndarray, regime: int, at: int, u: float, v: float):
-    """Bound on the fourth derivative of exp(-decay t)(u C + v S) at t = 0, and the rate at which the bound falls."""
+    """Bound on the sixth derivative of exp(-decay t)(u C + v S) at t = 0, and the rate at which the bound falls."""
     decay, split, root = model[regime, at], model[regime, at + 1], model[regime, at + 2]
     rate = quickest(decay, split, root)
     # near critical damping S is t exp(-decay t), never above 1 / (e decay)
-    reach = 4.0 / rate + min(1.0 / root if root > 0.0 else np.inf, 1.0 / decay if decay > 0.0 else np.inf)
-    return rate**4 * (abs(u) + abs(v) * reach), decay - root if split > 0.0 else decay
+    reach = 6.0 / rate + min(1.0 / root if root > 0.0 else np.inf, 1.0 / decay if decay > 0.0 else np.inf)
+    return rate**6 * (abs(u) + abs(v) * reach), decay - root if split > 0.0 else decay
 
 
 @njit(**INLINE)
-def hidden_maximum(f0: float, d0: float, f1: float, d1: float, h: float):
-    """Place and value of the inner maximum of the cubic through values f and slopes d at 0 and h; place -1 if none."""
-    rise = (f1 - f0) / h
-    c2 = (3.0 * rise - 2.0 * d0 - d1) / h
-    c3 = (d0 + d1 - 2.0 * rise) / (h * h)
-    under = c2 * c2 - 3.0 * c3 * d0
-    if under < 0.0:
-        return -1.0, 0.0
-    root = math.sqrt(under)
-    if c2 <= 0.0:
-        place = d0 / (root - c2) if root - c2 > 0.0 else -1.0
-    else:
-        place = -(c2 + root) / (3.0 * c3) if c3 != 0.0 else -1.0
-    if not 0.0 < place < h:
-        return -1.0, 0.0
-    return place, f0 + place * (d0 + place * (c2 + place * c3))
+def stays_below(f0: float, d0: float, c0: float, f1: float, d1: float, c1: float, h: float, bound: float) -> bool:
+    """Whether a function with values f, slopes d and curvatures c at 0 and h surely stays below zero in between.
+
+    ``bound`` is on its sixth derivative. See the head of this file.
+    """
+    first, last = f0 + h * d0 / 5.0, f1 - h * d1 / 5.0
+    second = f0 + h * (0.4 * d0 + 0.05 * h * c0)
+    fourth = f1 + h * (0.05 * h * c1 - 0.4 * d1)
+    middle = 0.5 * (second + fourth) + bound * h**6 / 14400.0
+    if f0 > 0.0 or f1 > 0.0 or middle >= 0.0:
+        return False
+    return (
+        f0 + 5.0 * first <= 0.0 and first + 2.0 * second <= 0.0 and last + 2.0 * fourth <= 0.0 and f1 + 5.0 * last <= 0.0
+    )
 
 
 @njit(**INLINE)
-def cubic_root(f0: float, d0: float, f1: float, d1: float, h: float) -> float:
-    """Where the cubic through values f and slopes d at 0 and h rises through zero, for f0 <= 0 <= f1; a first guess."""
-    rise = (f1 - f0) / h
-    c2 = (3.0 * rise - 2.0 * d0 - d1) / h
-    c3 = (d0 + d1 - 2.0 * rise) / (h * h)
+def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: float, h: float) -> float:
+    """Where the quintic through the values at 0 and h rises through zero, for f0 <= 0 <= f1; a first guess."""
+    rise = f1 - f0
+    a1, a2 = h * d0, 0.5 * h * h * c0
+    b1, b2 = h * d1, 0.5 * h * h * c1
+    a3 = 10.0 * rise - 6.0 * a1 - 4.0 * b1 - 3.0 * a2 + b2
+    a4 = -15.0 * rise + 8.0 * a1 + 7.0 * b1 + 3.0 * a2 - 2.0 * b2
+    a5 = 6.0 * rise - 3.0 * (a1 + b1) - a2 + b2
+    a0 = f0
     if f0 == 0.0:
-        under = c2 * c2 - 4.0 * c3 * d0
-        s = -2.0 * d0 / (c2 + math.sqrt(under)) if under >= 0.0 else 0.5 * h
-        return s if 0.0 < s <= h else 0.5 * h
-    low, high = 0.0, h
-    s = h * f0 / (f0 - f1)
-    for _ in range(2):
-        value = f0 + s * (d0 + s * (c2 + s * c3))
-        slope = d0 + s * (2.0 * c2 + s * 3.0 * c3)
+        # the root at the start is not the one looked for
+        a0, a1, a2, a3, a4, a5 = a1, a2, a3, a4, a5, 0.0
+    low, high = 0.0, 1.0
+    top = a0 + a1 + a2 + a3 + a4 + a5
+    s = -a0 / (top - a0) if a0 < 0.0 < top else 0.5
+    for _ in range(4):
+        value = a0 + s * (a1 + s * (a2 + s * (a3 + s * (a4 + s * a5))))
+        slope = a1 + s * (2.0 * a2 + s * (3.0 * a3 + s * (4.0 * a4 + s * 5.0 * a5)))
         if value < 0.0:
             low = s
         else:
@@ -298,7 +304,7 @@ def cubic_root(f0: float, d0: float, f1: float, d1: float, h: float) -> float:
         s = s - value / slope if slope > 0.0 else low
         if not low < s < high:
             s = 0.5 * (low + high)
-    return s
+    return h * s
 
 
 @njit(**INLINE)
@@ -333,12 +339,11 @@ def first_root(model, regime, release, scratch, theta, low, high, guess):
 
 
 @njit(**INLINE)
-def inner_maximum(model, regime, scratch, theta, low, high, guess):
-    """The maximum of the switch function in [low, high] near ``guess``: place, value."""
-    t = guess
-    f = 0.0
+def highest_point(model, regime, scratch, theta, low, high):
+    """A maximum of the switch function in [low, high], where it rises at one end and falls at the other."""
+    t = 0.5 * (low + high)
     for _ in range(60):
-        f, d, c, _w = probe(model, regime, False, scratch, theta, t)
+        _f, d, c, _w = probe(model, regime, False, scratch, theta, t)
         if d > 0.0:
             low = t
         else:
@@ -349,40 +354,17 @@ def inner_maximum(model, regime, scratch, theta, low, high, guess):
         if abs(following - t) <= 1e-12 * t or high - low <= 4e-16 * high:
             break
         t = following
-    return t, f
+    return t
 
 
 @njit(**INLINE)
-def stays_below(f0: float, d0: float, f1: float, d1: float, h: float, bound: float) -> bool:
-    """Whether a function with values f <= 0 and slopes d at 0 and h surely stays below zero in between.
-
-    ``bound`` is on its fourth derivative, so that it differs from its cubic by at most ``bound s^2 (h - s)^2 / 24``.
-    """
-    error = bound * h**4 / 384.0
-    place, top = hidden_maximum(f0, d0, f1, d1, h)
-    if place > 0.0 and top + error >= 0.0:
-        return False
-    if max(f0, f1) + error < 0.0:
-        return True
-    # an end is near zero: from there the function must fall, by the cubic and its error written as end + s * (...)
-    rise = (f1 - f0) / h
-    c2 = (3.0 * rise - 2.0 * d0 - d1) / h
-    c3 = (d0 + d1 - 2.0 * rise) / (h * h)
-    spread = bound * h * h / 24.0
-    half = 0.5 * h
-    if f0 + error >= 0.0 and not _falls(d0, c2 + spread, c3, half):
-        return False
-    return f1 + error < 0.0 or _falls(-d1, c2 + 3.0 * c3 * h + spread, -c3, half)
-
-
-@njit(**INLINE)
-def _falls(a: float, b: float, c: float, h: float) -> bool:
-    """Whether a + b s + c s^2 stays below zero on (0, h]."""
-    if a > 0.0 or a + h * (b + h * c) >= 0.0:
-        return False
-    if c < 0.0 and 0.0 < b < -2.0 * c * h:
-        return a - 0.25 * b * b / c < 0.0
-    return True
+def curvature_at_start(model: np.ndarray, regime: int, channel: np.ndarray, state: np.ndarray) -> float:
+    """Second derivative of the switch function where the regime begins."""
+    square = model[0, OMEGA] ** 2
+    if regime == FREE:
+        return channel[2] - square * (channel[3] * state[SINE] + channel[4] * state[COSINE]) + channel[9]
+    jerk = channel[9] + channel[15] - square * (channel[0] * state[SINE] + channel[1] * state[COSINE])
+    return -jerk if regime == LOADING else jerk
 
 
 @njit(**INLINE)
@@ -390,63 +372,56 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
     """Time to the end of this regime, and how it ends: GOES_ON (at ``limit``), AT_SURFACE or AT_REST."""
     theta = state[THETA]
     if regime == FREE:
-        shortest = 2.0 / max(model[0, OMEGA], quickest(model[0, RELATIVE], model[0, RELATIVE + 1], model[0, RELATIVE + 2]))
+        rate = quickest(model[0, RELATIVE], model[0, RELATIVE + 1], model[0, RELATIVE + 2])
+        usual = FREE_STEP / max(model[0, OMEGA], rate)
         f0, d0 = state[W], state[V2]
     elif regime == LOADING:
-        shortest = model[LOADING, STEP]
+        usual = model[LOADING, STEP]
         f0, d0 = -state[V2], -acceleration(model, state, model[LOADING, STIFFNESS])
     else:
-        shortest = model[UNLOADING, STEP]
+        usual = model[UNLOADING, STEP]
         f0, d0 = state[V2], acceleration(model, state, model[UNLOADING, STIFFNESS])
-    lasting, fading, rate = fourth_derivative_bounds(model, regime, scratch.channel)
+    c0 = curvature_at_start(model, regime, scratch.channel, state)
+    lasting, fading, rate = sixth_derivative_bounds(model, regime, scratch.channel)
     bound = lasting + fading
     t0, w0 = 0.0, state[W]
-    step = shortest
+    step = usual
     while True:
         t1 = min(t0 + step, limit)
         h = t1 - t0
-        f1, d1, _c1, w1 = probe(model, regime, False, scratch, theta, t1)
+        # where steps this short prove nothing, the function touches zero, or as good as
+        grazing = h < 1e-3 * usual
+        f1, d1, c1, w1 = probe(model, regime, False, scratch, theta, t1)
+        if grazing and d0 > 0.0 and d1 < 0.0 and f1 < 0.0:
+            t1 = highest_point(model, regime, scratch, theta, t0, t1)
+            h = t1 - t0
+            f1, d1, c1, w1 = probe(model, regime, False, scratch, theta, t1)
         if regime == UNLOADING and w1 <= 0.0:
             # w falls through zero in between; it is the end unless v2 rises through zero before
-            guess = t0 + cubic_root(-w0, -f0, -w1, -f1, h)
+            guess = t0 + quintic_root(-w0, -f0, -d0, -w1, -f1, -d1, h)
             tau, _f, slope, bend, _w = first_root(model, regime, True, scratch, theta, t0, t1, guess)
-            if stays_below(f0, d0, -slope, -bend, tau - t0, bound) or h < 1e-3 * shortest:
+            _w, v, a, j = probe_contact(model, regime, scratch.channel, scratch.work, theta, tau)
+            if grazing or stays_below(f0, d0, c0, v, a, j, tau - t0, bound):
                 return tau, AT_SURFACE
-            step *= 0.5
+        elif f1 >= 0.0:
+            guess = t0 + quintic_root(f0, d0, c0, f1, d1, c1, h)
+            tau, _f, d, c, w = first_root(model, regime, False, scratch, theta, t0, t1, guess)
+            if grazing or stays_below(f0, d0, c0, 0.0, d, c, tau - t0, bound):
+                if regime == UNLOADING and w <= 0.0:
+                    # w dipped below zero and came back within the step
+                    guess = t0 + 0.5 * (tau - t0)
+                    return first_root(model, regime, True, scratch, theta, t0, tau, guess)[0], AT_SURFACE
+                return tau, AT_SURFACE if regime == FREE else AT_REST
+        elif grazing or stays_below(f0, d0, c0, f1, d1, c1, h, bound):
+            if t1 >= limit:
+                return limit, GOES_ON
+            t0, f0, d0, c0, w0 = t1, f1, d1, c1, w1
+            bound = lasting + fading * math.exp(-rate * t0)
+            # as far as the quintic can be trusted
+            step = max((4000.0 * abs(f0) / bound) ** (1.0 / 6.0), usual)
+            step = min(step, 3.0 / model[0, OMEGA])
             continue
-        # past a crossing only a maximum and a minimum before it would matter: then the cubic has them too, or is poor
-        error = bound * h**4 / 384.0
-        if f1 >= 0.0:
-            sure = error < 0.1 * max(f1, -f0) and (d0 <= 0.0 or d1 < 0.0 or hidden_maximum(f0, d0, f1, d1, h)[0] < 0.0)
-        else:
-            sure = stays_below(f0, d0, f1, d1, h, bound)
-        if not sure and h > 0.03 * shortest:
-            step = 0.5 * h
-            continue
-        if not sure:
-            # a touch, or as good as: the exact maximum tells
-            place, top = hidden_maximum(f0, d0, f1, d1, h)
-            if place > 0.0:
-                place, top = inner_maximum(model, regime, scratch, theta, t0, t1, t0 + place)
-                if top >= 0.0 and place > t0:
-                    t1 = place
-                    h = t1 - t0
-                    f1, d1, _c1, w1 = probe(model, regime, False, scratch, theta, t1)
-        if f1 >= 0.0:
-            guess = t0 + cubic_root(f0, d0, f1, d1, h)
-            tau, _f, _d, _c, w1 = first_root(model, regime, False, scratch, theta, t0, t1, guess)
-            if regime == UNLOADING and w1 <= 0.0:
-                # w dipped below zero and came back within the step
-                guess = t0 + cubic_root(-w0, -f0, -w1, 0.0, tau - t0)
-                return first_root(model, regime, True, scratch, theta, t0, tau, guess)[0], AT_SURFACE
-            return tau, AT_SURFACE if regime == FREE else AT_REST
-        if t1 >= limit:
-            return limit, GOES_ON
-        t0, f0, d0, w0 = t1, f1, d1, w1
-        # as far as the cubic can be trusted to tell that nothing happens on the way
-        bound = lasting + fading * math.exp(-rate * t0)
-        step = max(math.sqrt(math.sqrt(100.0 * abs(f0) / bound)), shortest)
-        step = min(step, 2.0 / model[0, OMEGA])
+        step = 0.5 * h
 
 
 @njit(**INLINE)

@@ -122,7 +122,7 @@ def set_contact(m1: float, m2: float, k: float, c: float, kappa: float, block: n
             block[FAST_SINE + 4 * j + i] = fast_sine[i, j]
             block[SLOW_SINE + 4 * j + i] = slow_sine[i, j]
     block[STIFFNESS] = kappa
-    block[STEP] = 2.3 / quickest(block[FAST], block[FAST + 1], block[FAST + 2])
+    block[STEP] = 2.6 / quickest(block[FAST], block[FAST + 1], block[FAST + 2])
     return ok
 
 
