@@ -274,7 +274,10 @@ def stays_below(f0: float, d0: float, c0: float, f1: float, d1: float, c1: float
     if f0 > 0.0 or f1 > 0.0 or middle >= 0.0:
         return False
     return (
-        f0 + 5.0 * first <= 0.0 and first + 2.0 * second <= 0.0 and last + 2.0 * fourth <= 0.0 and f1 + 5.0 * last <= 0.0
+        f0 + 5.0 * first <= 0.0
+        and first + 2.0 * second <= 0.0
+        and last + 2.0 * fourth <= 0.0
+        and f1 + 5.0 * last <= 0.0
     )
 
 
@@ -291,27 +294,25 @@ def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: floa
     if f0 == 0.0:
         # the root at the start is not the one looked for
         a0, a1, a2, a3, a4, a5 = a1, a2, a3, a4, a5, 0.0
-    low, high = 0.0, 1.0
     top = a0 + a1 + a2 + a3 + a4 + a5
     s = -a0 / (top - a0) if a0 < 0.0 < top else 0.5
-    for _ in range(4):
+    # two of Halley's steps are enough for a guess
+    for _ in range(2):
         value = a0 + s * (a1 + s * (a2 + s * (a3 + s * (a4 + s * a5))))
         slope = a1 + s * (2.0 * a2 + s * (3.0 * a3 + s * (4.0 * a4 + s * 5.0 * a5)))
-        if value < 0.0:
-            low = s
-        else:
-            high = s
-        s = s - value / slope if slope > 0.0 else low
-        if not low < s < high:
-            s = 0.5 * (low + high)
+        bend = a2 + s * (3.0 * a3 + s * (6.0 * a4 + s * 10.0 * a5))
+        s -= value * slope / (slope * slope - value * bend)
+        if not 0.0 < s <= 1.0:
+            return 0.5 * h
     return h * s
 
 
 @njit(**INLINE)
-def first_root(model, regime, release, scratch, theta, low, high, guess):
+def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
     """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
 
-    Returns the time, with w and the derivatives of the switch function a rounding away from it: (t, f, d, c, w).
+    ``rate`` in 1/s is how fast the function changes, to judge when a step is the last. Returns the
+    time to about 1e-9 of itself, the slope and curvature of the function there, and w.
     """
     t = guess
     f = d = c = w = 0.0
@@ -329,13 +330,14 @@ def first_root(model, regime, release, scratch, theta, low, high, guess):
                 step /= bend
             if low <= t + step <= high:
                 following = t + step
-                # Halley's step cubes the relative error: after this one nothing is left
-                if abs(step) <= 1e-5 * t:
-                    return following, f, d, c, w
+                # Halley's step leaves an error of its own cube; what is this small `complete` takes away
+                bend = (rate + abs(c / d)) * step
+                if abs(step) * bend * bend <= 1e-9 * t:
+                    return following, d + c * step, c, w
         if following == t or high - low <= 4e-16 * high:
-            return following, f, d, c, w
+            return following, d, c, w
         t = following
-    return t, f, d, c, w
+    return t, d, c, w
 
 
 @njit(**INLINE)
@@ -399,26 +401,36 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
         if regime == UNLOADING and w1 <= 0.0:
             # w falls through zero in between; it is the end unless v2 rises through zero before
             guess = t0 + quintic_root(-w0, -f0, -d0, -w1, -f1, -d1, h)
-            tau, _f, slope, bend, _w = first_root(model, regime, True, scratch, theta, t0, t1, guess)
-            _w, v, a, j = probe_contact(model, regime, scratch.channel, scratch.work, theta, tau)
-            if grazing or stays_below(f0, d0, c0, v, a, j, tau - t0, bound):
+            tau = first_root(model, regime, True, scratch, theta, t0, t1, guess, 1.0 / usual)[0]
+            sure = grazing or (f1 <= 0.0 and stays_below(f0, d0, c0, f1, d1, c1, h, bound))
+            if not sure:
+                # v2 may have turned after the release: prove it up to there
+                _w, v, a, j = probe_contact(model, regime, scratch.channel, scratch.work, theta, tau)
+                sure = stays_below(f0, d0, c0, v, a, j, tau - t0, bound)
+            if sure:
                 return tau, AT_SURFACE
         elif f1 >= 0.0:
             guess = t0 + quintic_root(f0, d0, c0, f1, d1, c1, h)
-            tau, _f, d, c, w = first_root(model, regime, False, scratch, theta, t0, t1, guess)
+            tau, d, c, w = first_root(model, regime, False, scratch, theta, t0, t1, guess, 1.0 / usual)
             if grazing or stays_below(f0, d0, c0, 0.0, d, c, tau - t0, bound):
                 if regime == UNLOADING and w <= 0.0:
                     # w dipped below zero and came back within the step
                     guess = t0 + 0.5 * (tau - t0)
-                    return first_root(model, regime, True, scratch, theta, t0, tau, guess)[0], AT_SURFACE
+                    return first_root(model, regime, True, scratch, theta, t0, tau, guess, 1.0 / usual)[0], AT_SURFACE
                 return tau, AT_SURFACE if regime == FREE else AT_REST
         elif grazing or stays_below(f0, d0, c0, f1, d1, c1, h, bound):
             if t1 >= limit:
                 return limit, GOES_ON
             t0, f0, d0, c0, w0 = t1, f1, d1, c1, w1
             bound = lasting + fading * math.exp(-rate * t0)
-            # as far as the quintic can be trusted
-            step = max((4000.0 * abs(f0) / bound) ** (1.0 / 6.0), usual)
+            # as far as the quintic can be trusted, and no further than half a period
+            reach = 4000.0 * abs(f0) / (bound * usual**6)
+            if reach > 729.0:
+                step = 4.0 * usual if reach > 4096.0 else 3.0 * usual
+            elif reach > 11.4:
+                step = 2.0 * usual if reach > 64.0 else 1.5 * usual
+            else:
+                step = usual
             step = min(step, 3.0 / model[0, OMEGA])
             continue
         step = 0.5 * h
@@ -433,6 +445,30 @@ def begin(model: np.ndarray, state: np.ndarray, scratch: Scratch) -> int:
 
 
 @njit(**INLINE)
+def put_on_switch(model: np.ndarray, state: np.ndarray, regime: int, ending: int, sine: float) -> float:
+    """Move a state that is within about 1e-9 of a regime's length from its switch onto it. Returns the time that takes.
+
+    To first order: the square of so short a time is below rounding.
+    """
+    kappa = 0.0 if regime == FREE else model[regime, STIFFNESS]
+    speed = state[V1] - state[V2]
+    structure = model[0, K] * state[Y] + model[0, C] * speed
+    indenter = (model[0, AMPLITUDE] * sine + structure - kappa * state[W]) / model[0, M2]
+    shift = -state[W] / state[V2] if ending == AT_SURFACE else -state[V2] / indenter
+    # a grazing switch has no slope to go by, and Newton has met it to the last digit already
+    if abs(shift) > 1e-11 or shift != shift:
+        shift = 0.0
+    state[Y] += shift * speed
+    state[V1] += shift * (model[0, STATIC] - structure) / model[0, M1]
+    if ending == AT_SURFACE:
+        state[V2] += shift * indenter
+        state[W] = 0.0
+    else:
+        state[V2] = 0.0
+    return shift
+
+
+@njit(**INLINE)
 def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, scratch: Scratch) -> float:
     """Go through the regime just begun, to its switch but at most ``limit`` s on. Returns the time taken."""
     tau, ending = find_switch(model, regime, state, scratch, limit)
@@ -444,10 +480,11 @@ def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, sc
         state[W] = min(state[W], 0.0)
     else:
         contact_state(model, regime, scratch.work, sine, cosine, tau, state)
-    if ending == AT_SURFACE:
-        state[W] = 0.0
-    elif ending == AT_REST:
-        state[V2] = 0.0
+    if ending != GOES_ON:
+        shift = put_on_switch(model, state, regime, ending, sine)
+        tau += shift
+        theta += model[0, OMEGA] * shift
+        sine, cosine = sine + model[0, OMEGA] * shift * cosine, cosine - model[0, OMEGA] * shift * sine
     while theta >= TURN:
         theta -= TURN
         state[TURNS] += 1.0

@@ -1,0 +1,228 @@
+"""What the rig settles on: a periodic orbit P-n-I-m with its multipliers, or chaos with its largest exponent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drillenv.checks import InputError, count, number, shown
+from drillenv.dynamics.exact import STATE_SIZE, fresh_state
+from drillenv.dynamics.flow import FREE, LOADING, STIFFNESS, UNLOADING, make_model
+from drillenv.dynamics.orbits import MOTION_SIZE, find_motion, map_point, put_on_section, section_distance
+from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, random_starts, survey
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import Rock
+from drillenv.rocks import rock as rock_meant
+
+SAME_ORBIT = 1e-6
+"""Two points closer than this, in length scales, are of the same orbit: Newton's method leaves some 1e-11."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A motion that the rig settles on at a setting.
+
+    The label is P-n-I-m for an orbit that closes after n excitation periods with m impacts in it, n up to 32. What does
+    not close is "chaotic" where its largest Lyapunov exponent is above zero. The rest is "aperiodic": no orbit was found
+    although neighbours do not part, as with an orbit longer than 32 periods, a quasi-periodic motion, or a transient that
+    outlasts the patience given. The exponent of such a motion is a mean over 1000 excitation periods, so one within about
+    0.5 1/s of zero does not tell the two apart.
+    """
+
+    label: str
+    period: int
+    """In excitation periods; 0 where there is none."""
+    impacts: float
+    """Force peaks (turns from loading to unloading) a motion; without a period, in the mean of an excitation period."""
+    contacts: float
+    """Contacts begun, counted likewise; 0 where the indenter never leaves the rock."""
+    penetration_rate: float
+    """In m/s."""
+    peak_force: float
+    """The largest rock force in N."""
+    impact_speed: float
+    """The largest speed in m/s at which a contact begins; 0 where none does."""
+    multipliers: np.ndarray
+    """(4,) complex Floquet multipliers, the largest modulus first; NaN without a period."""
+    stable: bool
+    """Whether all multipliers lie inside the unit circle."""
+    exponent: float
+    """The largest Lyapunov exponent in 1/s; with a period, the logarithm of the largest multiplier over its time."""
+    point: np.ndarray
+    """(4,) y = X1 - X2 in m, V1 and V2 in m/s, w in m, where the motion crosses the phase 0 of the excitation: w is the
+    indenter's place from Xp while loading and from Xf otherwise."""
+    regime: int
+    """The regime there: 0 no contact, 1 loading, 2 unloading."""
+    setting: Setting
+    rock: Rock
+    rig: Rig
+    share: float = 1.0
+    """The share of starts that settled on this motion, where many were tried."""
+
+
+def motion(
+    setting: Setting,
+    rock: int | str | Rock = 4,
+    rig: Rig | None = None,
+    start: Motion | np.ndarray | None = None,
+    *,
+    wait: int = WAIT,
+    patience: int = PATIENCE,
+) -> Motion:
+    """The motion that the rig settles on.
+
+    The rig runs for ``wait`` excitation periods; the orbit it comes near is then found by Newton's method on the
+    stroboscopic map, and taken if it is stable and the run closes in on it. Otherwise the rig runs on, twice as long each
+    time. The multipliers are the eigenvalues of the map's derivative, which is the product of the closed-form flows
+    between switches: the rock force is continuous at each switch, so a switch adds at most the change of coordinate from
+    Xp to Xf.
+
+    Args:
+        setting: Frequency, amplitude and pressure.
+        rock: Case of Table 2.2, name, or Rock.
+        rig: By default that of Table 2.1.
+        start: Where to start: None for the rig at rest against untouched rock; a Motion, to go on from where it
+            crosses the phase 0; or (4,) y in m, V1 and V2 in m/s, and the indenter's place in m from Xf, at the phase 0.
+        wait: Excitation periods to run before the first look, 1 to 1e6.
+        patience: Excitation periods after which what has no orbit yet counts as not periodic, 1 to 1e8.
+
+    Raises:
+        InputError: an argument of the wrong kind or outside its limits, or a rig and rock that the exact engine cannot
+            take.
+    """
+    setting, chosen, rig = checked_place(setting, rock, rig)
+    model = make_model(rig, chosen, setting)
+    state = np.zeros(STATE_SIZE)
+    if start is None:
+        fresh_state(model, 0.0, state)
+    else:
+        put_on_section(*_start_point(start), state)
+    out, tangent = np.zeros((1, MOTION_SIZE)), np.zeros((1, 4, 4))
+    wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
+    find_motion(model, state, wait, patience, out[0], tangent[0])
+    return motion_of(as_survey(out, tangent, np.array([2 * math.pi * setting.frequency]))[0], setting, chosen, rig)
+
+
+def motions(
+    setting: Setting,
+    rock: int | str | Rock = 4,
+    rig: Rig | None = None,
+    starts: int = 64,
+    seed: int = 0,
+    *,
+    wait: int = WAIT,
+    patience: int = PATIENCE,
+) -> list[Motion]:
+    """The motions that coexist at a setting, each with its share of the starts, the largest share first.
+
+    The first start is the rig at rest; the others are random, half of them free and half in contact, over the section box
+    of :func:`drillenv.dynamics.survey.place_start`. Periodic motions are the same where their orbits are; chaotic ones
+    count as one, and so do aperiodic ones.
+
+    Args:
+        setting, rock, rig, wait, patience: As for :func:`motion`.
+        starts: Number of starts, 1 to 10000.
+        seed: Of the random starts.
+
+    Raises:
+        InputError: as for :func:`motion`.
+    """
+    setting, chosen, rig = checked_place(setting, rock, rig)
+    place = [[setting.frequency, setting.amplitude, setting.pressure]]
+    found = survey(place, chosen, rig, starts, seed=seed, wait=wait, patience=patience)[0]
+    model = make_model(rig, chosen, setting)
+    kinds: list[Motion] = []
+    members: list[int] = []
+    for row in found:
+        each = motion_of(row, setting, chosen, rig)
+        same = next((i for i, other in enumerate(kinds) if same_motion(model, each, other)), None)
+        if same is None:
+            kinds.append(each)
+            members.append(1)
+        else:
+            members[same] += 1
+    shared = [replace(kind, share=n / len(found)) for kind, n in zip(kinds, members, strict=True)]
+    return sorted(shared, key=lambda kind: -kind.share)
+
+
+def motion_of(row: np.void, setting: Setting, rock: Rock, rig: Rig) -> Motion:
+    """One entry of a survey as a Motion."""
+    period = int(row["period"])
+    return Motion(
+        label=label(period, float(row["impacts"]), float(row["exponent"])),
+        period=period,
+        impacts=round(row["impacts"]) if period else float(row["impacts"]),
+        contacts=round(row["contacts"]) if period else float(row["contacts"]),
+        penetration_rate=float(row["penetration_rate"]),
+        peak_force=float(row["peak_force"]),
+        impact_speed=float(row["impact_speed"]),
+        multipliers=row["multipliers"].copy(),
+        stable=bool(row["stable"]),
+        exponent=float(row["exponent"]),
+        point=row["point"].copy(),
+        regime=int(row["regime"]),
+        setting=setting,
+        rock=rock,
+        rig=rig,
+    )
+
+
+def same_motion(model: np.ndarray, first: Motion, second: Motion) -> bool:
+    """Whether two motions at the setting of ``model`` are one: their orbits meet, whichever crossing each stands for."""
+    if first.label != second.label or not first.period:
+        return first.label == second.label
+    target, image = point_from_xf(first, model), np.empty(4)
+    place, tangent = point_from_xf(second, model), np.empty((4, 4))
+    for _ in range(first.period):
+        if section_distance(model, place, target) < SAME_ORBIT:
+            return True
+        map_point(model, place, UNLOADING, 1, image, tangent)
+        place[:] = image
+    return False
+
+
+def point_from_xf(crossing: Motion, model: np.ndarray | None = None) -> np.ndarray:
+    """(4,) the point of a motion with w measured from Xf in every regime: the coordinate in which its orbit is smooth."""
+    if model is None:
+        model = make_model(crossing.rig, crossing.rock, crossing.setting)
+    point = crossing.point.copy()
+    if crossing.regime == LOADING:
+        point[3] *= model[LOADING, STIFFNESS] / model[UNLOADING, STIFFNESS]
+    return point
+
+
+def checked_place(setting: Setting, rock: int | str | Rock, rig: Rig | None) -> tuple[Setting, Rock, Rig]:
+    """The setting, rock and rig meant.
+
+    Raises:
+        InputError: one of them is none.
+    """
+    if not isinstance(setting, Setting):
+        raise InputError(f"setting is {shown(setting)}: give Setting(frequency, amplitude, pressure) in Hz, V and bar")
+    if not isinstance(rig, Rig | None):
+        raise InputError(f"rig is {shown(rig)}: give a Rig, or None for that of Table 2.1")
+    return setting, rock_meant(rock), Rig() if rig is None else rig
+
+
+def _start_point(start: Motion | np.ndarray) -> tuple[np.ndarray, int]:
+    """A point of the section and the regime that counts its w."""
+    if isinstance(start, Motion):
+        return start.point, start.regime
+    try:
+        point = np.array(start, dtype=float)
+    except (TypeError, ValueError):
+        point = np.empty(0)
+    if point.shape != (4,):
+        raise InputError(f"start is {shown(start)}: give a Motion, or y in m, V1 and V2 in m/s and X2 - Xf in m")
+    names = ("y of start", "V1 of start", "V2 of start", "w of start")
+    limits = (
+        (1.0, "m", 1e-3, "mm"),
+        (100.0, "m/s", 1e-3, "mm/s"),
+        (100.0, "m/s", 1e-3, "mm/s"),
+        (1.0, "m", 1e-3, "mm"),
+    )
+    for name, value, (most, unit, factor, slip) in zip(names, point.tolist(), limits, strict=True):
+        number(name, value, -most, most, unit, [(factor, slip)])
+    return point, UNLOADING if point[3] > 0 else FREE
