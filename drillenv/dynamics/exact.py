@@ -2,9 +2,9 @@
 
 A regime ends where a known function of time first rises through zero: the gap ``w`` in free flight, ``-v2`` while
 loading, ``v2`` or ``-w`` while unloading. All are sums of a polynomial, a harmonic and damped pairs, evaluated with two
-derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in long steps. On each, the quintic through
-values, slopes and curvatures at both ends is off by at most ``bound s^3 (h - s)^3 / 720``, with a bound on the sixth
-derivative from the amplitudes of the modes. Written in Bernstein's basis of degree six that error falls on the middle
+derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in long steps. On each, the quintic
+through values, slopes and curvatures at both ends is off by at most ``bound s^3 (h - s)^3 / 720``, with a bound on the
+sixth derivative from the amplitudes of the modes. Written in Bernstein's basis of degree six that error falls on the middle
 coefficient alone, so that seven numbers not above zero prove that nothing happens on the step, up to its ends. A step
 that cannot be proved is halved. So a contact that begins and ends inside one step is not missed.
 """
@@ -20,12 +20,12 @@ from numba import njit
 from drillenv.dynamics.borrow import borrowed
 from drillenv.dynamics.flow import (
     AMPLITUDE,
-    INLINE,
-    KERNEL,
     FAST,
     FORCED,
     FREE,
     FREE_Y,
+    INLINE,
+    KERNEL,
     LOADING,
     M1,
     M2,
@@ -170,8 +170,8 @@ def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scr
     """Take the coming regime apart into modes; write what the switch functions need into ``scratch.channel``.
 
     In contact: [0:2] sine and cosine part of v2, [5:11] u, v of the fast pair in v2 and its first two derivatives,
-    [11:17] of the slow pair. In flight: [0:3] the parabola of w, [3:5] its sine and cosine part, [5:11] u, v of the pair
-    in w and its first two derivatives.
+    [11:17] of the slow pair. In flight: [0:3] the parabola of w, [3:5] its sine and cosine part, [5:11] u, v of the
+    pair in w and its first two derivatives.
     """
     work, channel = scratch.work, scratch.channel
     sine, cosine = state[SINE], state[COSINE]
@@ -312,7 +312,7 @@ def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
     """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
 
     ``rate`` in 1/s is how fast the function changes, to judge when a step is the last. Returns the
-    time to about 1e-9 of itself, the slope and curvature of the function there, and w.
+    time to about 1e-10 of itself, the slope and curvature of the function there, and w.
     """
     t = guess
     f = d = c = w = 0.0
@@ -332,7 +332,7 @@ def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
                 following = t + step
                 # Halley's step leaves an error of its own cube; what is this small `complete` takes away
                 bend = (rate + abs(c / d)) * step
-                if abs(step) * bend * bend <= 1e-9 * t:
+                if abs(step) * bend * bend <= 1e-10 * t:
                     return following, d + c * step, c, w
         if following == t or high - low <= 4e-16 * high:
             return following, d, c, w
@@ -446,7 +446,7 @@ def begin(model: np.ndarray, state: np.ndarray, scratch: Scratch) -> int:
 
 @njit(**INLINE)
 def put_on_switch(model: np.ndarray, state: np.ndarray, regime: int, ending: int, sine: float) -> float:
-    """Move a state that is within about 1e-9 of a regime's length from its switch onto it. Returns the time that takes.
+    """Move a state that is within about 1e-10 of a regime's length from its switch onto it. Returns the time it takes.
 
     To first order: the square of so short a time is below rounding.
     """
@@ -456,7 +456,7 @@ def put_on_switch(model: np.ndarray, state: np.ndarray, regime: int, ending: int
     indenter = (model[0, AMPLITUDE] * sine + structure - kappa * state[W]) / model[0, M2]
     shift = -state[W] / state[V2] if ending == AT_SURFACE else -state[V2] / indenter
     # a grazing switch has no slope to go by, and Newton has met it to the last digit already
-    if abs(shift) > 1e-11 or shift != shift:
+    if abs(shift) > 1e-9 or shift != shift:
         shift = 0.0
     state[Y] += shift * speed
     state[V1] += shift * (model[0, STATIC] - structure) / model[0, M1]
@@ -476,11 +476,13 @@ def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, sc
     sine, cosine = sine_cosine(theta)
     if regime == FREE:
         free_state(model, scratch.work, sine, cosine, tau, state)
-        # rounding must not leave a contact that has not begun
-        state[W] = min(state[W], 0.0)
     else:
         contact_state(model, regime, scratch.work, sine, cosine, tau, state)
-    if ending != GOES_ON:
+    if ending == GOES_ON:
+        # rounding must not leave a contact that has not begun
+        if regime == FREE:
+            state[W] = min(state[W], 0.0)
+    else:
         shift = put_on_switch(model, state, regime, ending, sine)
         tau += shift
         theta += model[0, OMEGA] * shift

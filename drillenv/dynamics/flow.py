@@ -19,6 +19,7 @@ down at critical damping.
 from __future__ import annotations
 
 import math
+
 import numpy as np
 from numba import njit
 
@@ -48,13 +49,13 @@ FREE_Y = 12
 """Constant, sine and cosine part of y in flight."""
 # ... and in the row of a contact regime:
 STIFFNESS, STEP, FAST, SLOW = 0, 1, 2, 5
-"""kappa; the first step of the search for a switch in s; decay, split, root of the fast pair (mostly the indenter on the
-rock) and of the slow pair (the shaker behind it)."""
+"""kappa; the first step of the search for a switch in s; decay, split, root of the fast pair (mostly the indenter on
+the rock) and of the slow pair (the shaker behind it)."""
 FORCED = 8
 """Constant, sine and cosine part of z, four numbers each."""
 FAST_COSINE, FAST_SINE, SLOW_SINE = 20, 36, 52
-"""(4, 4) matrices, column by column, that take a free state to u of the fast pair (the slow pair has the rest), v of the
-fast pair and v of the slow pair."""
+"""(4, 4) matrices, column by column, that take a free state to u of the fast pair (the slow pair has the rest), v of
+the fast pair and v of the slow pair."""
 MODEL_SHAPE = (3, 68)
 
 
@@ -275,7 +276,7 @@ def pair_at(decay: float, split: float, root: float, t: float):
 
 @njit(**INLINE)
 def contact_coefficients(model: np.ndarray, regime: int, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
-    """Write u, v of the fast pair and u, v of the slow pair for the contact that starts in ``z`` into ``work`` (16,)."""
+    """Write u, v of the fast pair and u, v of the slow pair, for a contact that starts in ``z``, into ``work``."""
     h0 = z[0] - model[regime, FORCED] - sine * model[regime, FORCED + 4] - cosine * model[regime, FORCED + 8]
     h1 = z[1] - model[regime, FORCED + 1] - sine * model[regime, FORCED + 5] - cosine * model[regime, FORCED + 9]
     h2 = z[2] - model[regime, FORCED + 2] - sine * model[regime, FORCED + 6] - cosine * model[regime, FORCED + 10]

@@ -11,7 +11,7 @@ from drillenv.checks import InputError, count, number, shown
 from drillenv.dynamics.exact import STATE_SIZE, fresh_state
 from drillenv.dynamics.flow import FREE, LOADING, STIFFNESS, UNLOADING, make_model
 from drillenv.dynamics.orbits import MOTION_SIZE, find_motion, map_point, put_on_section, section_distance
-from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, random_starts, survey
+from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, survey
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 from drillenv.rocks import rock as rock_meant
@@ -24,11 +24,11 @@ SAME_ORBIT = 1e-6
 class Motion:
     """A motion that the rig settles on at a setting.
 
-    The label is P-n-I-m for an orbit that closes after n excitation periods with m impacts in it, n up to 32. What does
-    not close is "chaotic" where its largest Lyapunov exponent is above zero. The rest is "aperiodic": no orbit was found
-    although neighbours do not part, as with an orbit longer than 32 periods, a quasi-periodic motion, or a transient that
-    outlasts the patience given. The exponent of such a motion is a mean over 1000 excitation periods, so one within about
-    0.5 1/s of zero does not tell the two apart.
+    The label is P-n-I-m for an orbit that closes after n excitation periods with m impacts in it, n up to 32. What
+    does not close is "chaotic" where its largest Lyapunov exponent is above zero. The rest is "aperiodic": no orbit
+    was found although neighbours do not part, as with an orbit longer than 32 periods, a quasi-periodic motion, or a
+    transient that outlasts the patience given. The exponent of such a motion is a mean over 1000 excitation periods,
+    so one within about 0.5 1/s of zero does not tell the two apart.
     """
 
     label: str
@@ -74,17 +74,17 @@ def motion(
     """The motion that the rig settles on.
 
     The rig runs for ``wait`` excitation periods; the orbit it comes near is then found by Newton's method on the
-    stroboscopic map, and taken if it is stable and the run closes in on it. Otherwise the rig runs on, twice as long each
-    time. The multipliers are the eigenvalues of the map's derivative, which is the product of the closed-form flows
-    between switches: the rock force is continuous at each switch, so a switch adds at most the change of coordinate from
-    Xp to Xf.
+    stroboscopic map, and taken if it is stable and the run closes in on it. Otherwise the rig runs on, twice as long
+    each time. The multipliers are the eigenvalues of the map's derivative, which is the product of the closed-form
+    flows between switches: the rock force is continuous at each switch, so a switch adds at most the change of
+    coordinate from Xp to Xf.
 
     Args:
         setting: Frequency, amplitude and pressure.
         rock: Case of Table 2.2, name, or Rock.
         rig: By default that of Table 2.1.
         start: Where to start: None for the rig at rest against untouched rock; a Motion, to go on from where it
-            crosses the phase 0; or (4,) y in m, V1 and V2 in m/s, and the indenter's place in m from Xf, at the phase 0.
+            crosses the phase 0; or (4,) y in m, V1 and V2 in m/s, and the indenter's place in m from Xf, at phase 0.
         wait: Excitation periods to run before the first look, 1 to 1e6.
         patience: Excitation periods after which what has no orbit yet counts as not periodic, 1 to 1e8.
 
@@ -117,9 +117,9 @@ def motions(
 ) -> list[Motion]:
     """The motions that coexist at a setting, each with its share of the starts, the largest share first.
 
-    The first start is the rig at rest; the others are random, half of them free and half in contact, over the section box
-    of :func:`drillenv.dynamics.survey.place_start`. Periodic motions are the same where their orbits are; chaotic ones
-    count as one, and so do aperiodic ones.
+    The first start is the rig at rest; the others are random, half of them free and half in contact, over the section
+    box of :func:`drillenv.dynamics.survey.place_start`. Periodic motions are the same where their orbits are; chaotic
+    ones count as one, and so do aperiodic ones.
 
     Args:
         setting, rock, rig, wait, patience: As for :func:`motion`.
@@ -170,7 +170,7 @@ def motion_of(row: np.void, setting: Setting, rock: Rock, rig: Rig) -> Motion:
 
 
 def same_motion(model: np.ndarray, first: Motion, second: Motion) -> bool:
-    """Whether two motions at the setting of ``model`` are one: their orbits meet, whichever crossing each stands for."""
+    """Whether two motions at the setting of ``model`` are one: their orbits meet, whichever crossing each shows."""
     if first.label != second.label or not first.period:
         return first.label == second.label
     target, image = point_from_xf(first, model), np.empty(4)
@@ -184,7 +184,7 @@ def same_motion(model: np.ndarray, first: Motion, second: Motion) -> bool:
 
 
 def point_from_xf(crossing: Motion, model: np.ndarray | None = None) -> np.ndarray:
-    """(4,) the point of a motion with w measured from Xf in every regime: the coordinate in which its orbit is smooth."""
+    """(4,) the point of a motion with w measured from Xf in every regime, a coordinate in which orbits are smooth."""
     if model is None:
         model = make_model(crossing.rig, crossing.rock, crossing.setting)
     point = crossing.point.copy()
@@ -217,12 +217,7 @@ def _start_point(start: Motion | np.ndarray) -> tuple[np.ndarray, int]:
     if point.shape != (4,):
         raise InputError(f"start is {shown(start)}: give a Motion, or y in m, V1 and V2 in m/s and X2 - Xf in m")
     names = ("y of start", "V1 of start", "V2 of start", "w of start")
-    limits = (
-        (1.0, "m", 1e-3, "mm"),
-        (100.0, "m/s", 1e-3, "mm/s"),
-        (100.0, "m/s", 1e-3, "mm/s"),
-        (1.0, "m", 1e-3, "mm"),
-    )
-    for name, value, (most, unit, factor, slip) in zip(names, point.tolist(), limits, strict=True):
-        number(name, value, -most, most, unit, [(factor, slip)])
+    length, speed = (1.0, "m", "mm"), (100.0, "m/s", "mm/s")
+    for name, value, (most, unit, slip) in zip(names, point.tolist(), (length, speed, speed, length), strict=True):
+        number(name, value, -most, most, unit, [(1e-3, slip)])
     return point, UNLOADING if point[3] > 0 else FREE

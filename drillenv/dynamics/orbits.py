@@ -1,7 +1,7 @@
 """Periodic orbits of the stroboscopic map, their multipliers, and what a start settles on.
 
-The map takes (y, v1, v2, w) at the section phase 0 to the same one excitation period later. In contact w is counted in the
-regime in which the orbit crosses the section, so that the map is continuous where the orbit crosses it in a turn.
+The map takes (y, v1, v2, w) at the section phase 0 to the same one excitation period later. In contact w is counted in
+the regime in which the orbit crosses the section, so that the map is continuous where the orbit crosses it in a turn.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ LONGEST_PERIOD = 32
 """The longest period looked for, in excitation periods."""
 
 # What find_motion writes: period (0 where none is found), impacts and contacts a motion, penetration in m a motion, the
-# largest force in N, the largest speed at contact in m/s, the largest Lyapunov exponent in 1/s (chaotic only), stable or
-# not, the regime at the section, and where the orbit crosses it.
+# largest force in N, the largest speed at contact in m/s, the largest Lyapunov exponent in 1/s (chaotic only), stable
+# or not, the regime at the section, and where the orbit crosses it.
 PERIOD, M_IMPACTS, M_CONTACTS, ADVANCE, M_FORCE, M_SPEED, EXPONENT, STABLE, SECTION_REGIME, SECTION = range(10)
 MOTION_SIZE = 13
 
@@ -117,7 +117,7 @@ def map_point(model: np.ndarray, point: np.ndarray, regime: int, period: int, im
 
 @njit(**KERNEL)
 def find_orbit(model: np.ndarray, point: np.ndarray, regime: int, period: int, tangent: np.ndarray) -> bool:
-    """Newton's method on the ``period``-fold map from ``point``, which becomes the orbit; its derivative in ``tangent``.
+    """Newton's method on the ``period``-fold map from ``point``, which becomes the orbit; ``tangent``: its derivative.
 
     Converged means that the point comes back to within 1e-11 of the length scale, and that the steps have died out.
     """
@@ -232,9 +232,10 @@ def exponent(model: np.ndarray, state: np.ndarray, periods: int, out: np.ndarray
 def find_motion(model: np.ndarray, state: np.ndarray, wait: int, patience: int, out: np.ndarray, tangent: np.ndarray):
     """What ``state`` settles on: runs it, polishes the orbit it comes near, and writes ``out`` (MOTION_SIZE,).
 
-    After ``wait`` periods the last LONGEST_PERIOD crossings are compared; the shortest near return is polished by Newton's
-    method, and taken if the orbit is stable and the run keeps closing in on it. Otherwise it runs on, up to ``patience``
-    periods in all; what is then not periodic gets its largest Lyapunov exponent. ``tangent`` gets the monodromy matrix.
+    After ``wait`` periods the last LONGEST_PERIOD crossings are compared; the shortest near return is polished by
+    Newton's method, and taken if the orbit is stable and the run keeps closing in on it. Otherwise it runs on, up to
+    ``patience`` periods in all; what is then not periodic gets its largest Lyapunov exponent.
+    ``tangent`` gets the monodromy matrix.
     """
     tally, scratch = np.zeros(TALLY_SIZE), make_scratch()
     track = np.zeros((LONGEST_PERIOD + 1, 4))

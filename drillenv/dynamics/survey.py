@@ -51,7 +51,7 @@ from drillenv.rig import AMPLITUDE_LIMITS, FREQUENCY_LIMITS, PRESSURE_LIMITS, Ri
 from drillenv.rocks import Rock
 from drillenv.rocks import rock as rock_meant
 
-WAIT, PATIENCE = 200, 4000
+WAIT, PATIENCE = 64, 4000
 """Excitation periods that a start runs before the first look at it, and altogether before it counts as not periodic."""
 CHUNK = 16
 """Pairs of a setting and a start that a thread takes at a time."""
@@ -73,7 +73,7 @@ SURVEY = np.dtype(
         ("multipliers", "c16", (4,)),
     ]
 )
-"""One motion of a survey; the units and meanings of the fields are those of :class:`drillenv.dynamics.motion.Motion`."""
+"""One motion of a survey; its fields mean what they do in :class:`drillenv.dynamics.motion.Motion`."""
 
 
 class Controls(NamedTuple):
@@ -127,7 +127,7 @@ def find_motions(plants, which, drives, starts, wait, patience, first, out, tang
 
 
 def random_starts(number: int, seed: int) -> np.ndarray:
-    """(number, START_SIZE) starts: the fresh one first, then random ones over the section box, half of them in contact."""
+    """(number, START_SIZE) starts: the fresh one first, then random ones over the section box, half in contact."""
     starts = np.random.default_rng(seed).random((number, START_SIZE))
     starts[0] = -1.0
     return starts
@@ -151,8 +151,8 @@ def survey(
         settings: (n, 3) frequencies in Hz, amplitudes in V and pressures in bar.
         rocks: One rock for all settings, or n of them.
         rig: The rig, by default that of Table 2.1.
-        starts: "fresh", the rig at rest against untouched rock, or a number m from 1 to 10000: the fresh start and m - 1
-            random ones, the same share of the box at each setting.
+        starts: "fresh", the rig at rest against untouched rock, or a number m from 1 to 10000: the fresh start and
+            m - 1 random ones, at the same places of the box at each setting.
         seed: Of the random starts.
         wait, patience: Excitation periods to run before the first look for an orbit, and to give up after.
         threads: Number of threads, by default as many as cores are allowed.
@@ -217,12 +217,12 @@ def as_survey(out: np.ndarray, tangents: np.ndarray, omega: np.ndarray) -> np.nd
 def multipliers_of(tangents: np.ndarray) -> np.ndarray:
     """Eigenvalues of (..., 4, 4) monodromy matrices, the largest modulus first; of a pair, the one with +i first."""
     values = np.linalg.eigvals(tangents).astype(complex)
-    order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)), axis=-1)
+    order = np.lexsort((-np.imag(values), -np.round(np.abs(values), 12)), axis=-1)
     return np.take_along_axis(values, order, axis=-1)
 
 
 def label(period: int, impacts: float, exponent: float) -> str:
-    """P-n-I-m for an orbit of ``period`` n; without one "chaotic" where the exponent is above zero, else "aperiodic"."""
+    """P-n-I-m for an orbit of ``period`` n; without one "chaotic" for an exponent above zero, else "aperiodic"."""
     if period > 0:
         return f"P-{period}-I-{round(impacts)}"
     return "chaotic" if exponent > 0 else "aperiodic"

@@ -1,12 +1,10 @@
-"""The exact engine misses nothing: its segments are scanned densely by a matrix exponential that shares no code with it."""
+"""The exact engine misses nothing: a matrix exponential that shares no code with it scans its segments."""
 
 import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
 
-from drillenv.rig import Rig, Setting
-from drillenv.rocks import Rock
 from drillenv.dynamics.exact import (
     LOG_SIZE,
     STATE_SIZE,
@@ -16,6 +14,8 @@ from drillenv.dynamics.exact import (
     make_scratch,
 )
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING, make_model
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import Rock
 
 POINTS = 64
 """Points of the scan in each segment: a thousand a period and more."""

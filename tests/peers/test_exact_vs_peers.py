@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.peers import Problem, scipy_rig
-from drillenv.dynamics.exact import strobe
+from drillenv.dynamics.simulate import strobe
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
 

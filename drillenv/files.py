@@ -1,0 +1,84 @@
+"""Files written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drillenv.checks import InputError, shown
+
+
+@contextmanager
+def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A name to write to, which becomes ``path`` when the block ends well and is removed when it does not.
+
+    The name lies in the folder of ``path`` and ends alike, for writers that go by the ending. What is no regular file,
+    such as /dev/stdout, is written to directly.
+
+    Raises:
+        InputError: ``path`` is no path or cannot be written.
+    """
+    target = _resolved(path)
+    if target.exists() and not target.is_file():
+        if target.is_dir():
+            raise InputError(f"cannot write {shown(str(path))}: it is a folder; give the name of a file")
+        with _said(path):
+            yield target
+        return
+    temporary = target.with_name(f".{os.getpid()}.{target.name}")
+    try:
+        with _said(path):
+            temporary.touch(exist_ok=False)
+            yield temporary
+            os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Find out before long work whether ``path`` can be written; leaves nothing behind and changes nothing.
+
+    Raises:
+        InputError: it cannot.
+    """
+    target = _resolved(path)
+    if target.is_file() and not os.access(target, os.W_OK):
+        raise InputError(f"cannot write {shown(str(path))}: it is read-only; give another name")
+    if target.exists() and not target.is_dir() and not target.is_file():
+        return
+    try:
+        with whole(path):
+            raise _Enough
+    except _Enough:
+        pass
+
+
+class _Enough(Exception):  # noqa: N818
+    """Ends a trial before its file takes its name."""
+
+
+def _resolved(path: str | os.PathLike[str]) -> Path:
+    """What ``path`` leads to, through links, so that a link stays one."""
+    try:
+        given = os.fspath(path)
+        if not isinstance(given, str) or not given.strip() or "\0" in given:
+            raise TypeError
+        return Path(given).resolve()
+    except (TypeError, OSError, RuntimeError):
+        raise InputError(f"path is {shown(path)}: give the name of a file") from None
+
+
+@contextmanager
+def _said(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Say what the system says in one line."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(
+            f"cannot write {shown(str(path))}: {reason}; give a file in a folder you can write to"
+        ) from None
