@@ -84,13 +84,15 @@ VARIABLES = {
     "boundary_axis": (("boundary_point",), "1", "axis of the edge: 0 frequency, 1 amplitude, 2 pressure"),
     "boundary_side": (("boundary_point",), "1", "where P-1-I-1 is: -1 below, +1 above the boundary on that axis"),
     "boundary_kind": (("boundary_point",), "1", "; ".join(f"{number} {kind}" for number, kind in enumerate(KINDS))),
+    "boundary_impacts": (("boundary_point",), "1", "impacts of the orbit just beyond, 0 where it does not go on"),
+    "boundary_contacts": (("boundary_point",), "1", "contacts of the orbit just beyond"),
     "boundary_multiplier_real": (("boundary_point",), "1", "real part of the multiplier nearest the unit circle"),
     "boundary_multiplier_imaginary": (("boundary_point",), "1", "its imaginary part, not negative"),
 }
 
 
 class Grid(NamedTuple):
-    """The settings of an atlas, and the rig on its rocks. Points are numbered with pressure running fastest, rock slowest."""
+    """The settings of an atlas, and the rig on its rocks. Points are numbered pressure first, rock last."""
 
     rocks: tuple[Rock, ...]
     axes: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -125,7 +127,7 @@ class Edges(NamedTuple):
     there: np.ndarray
     axis: np.ndarray
     ends: np.ndarray
-    """(n, 3) how far as a share of the edge, the step that fails, what that step comes upon"""
+    """(n, 5) how far as a share of the edge, the step that fails, what that step comes upon, its impacts and contacts"""
     tangents: np.ndarray
     """(n, 4, 4) monodromy matrices of the last orbit on the way"""
 
@@ -166,7 +168,8 @@ def atlas(
         N, impact_speed in m/s, largest_multiplier (modulus; these four NaN where there is no P-1-I-1), label_fresh
         (period and impacts); and on boundary_point, boundary_rock (position on the rock axis), boundary_frequency,
         boundary_amplitude, boundary_pressure, boundary_kind (0 period doubling, 1 fold, 2 another impact or contact,
-        3 Neimark-Sacker), the multiplier nearest the unit circle, and which axis it was located along, to 1e-6.
+        3 Neimark-Sacker), the multiplier nearest the unit circle, impacts and contacts of the orbit just beyond (0 where
+        it does not go on), and the axis along which the boundary was located, to 1e-6.
 
     Raises:
         InputError: a value is of the wrong kind or outside its limits, Ray or its cluster is missing, or ``out``
@@ -316,7 +319,7 @@ def _spread(grid: Grid, orbits: Orbits, mapper: Mapper, progress: bool) -> Edges
             kept.append(Edges(here[lost], there[lost], axis[lost], ends[~arrived], tangents[~arrived]))
             step(wave.size)
     if not kept:
-        return Edges(here[:0], there[:0], axis[:0], np.zeros((0, 3)), np.zeros((0, 4, 4)))
+        return Edges(here[:0], there[:0], axis[:0], np.zeros((0, 5)), np.zeros((0, 4, 4)))
     edges = Edges(*(np.concatenate(column) for column in zip(*kept, strict=True)))
     # a point that one way does not reach may be reached another way
     order = np.lexsort((edges.there, edges.here))
@@ -351,7 +354,7 @@ def _edge_precision(grid: Grid, here: np.ndarray, there: np.ndarray, axis: np.nd
 
 
 def _follow(grid: Grid, orbits: Orbits, here: np.ndarray, there: np.ndarray, precision: np.ndarray, mapper: Mapper):
-    """Follow the orbit along edges: (n, 3) ends, (n, 4) points, (n, 4, 4) tangents, (n, MOTION_SIZE) motions."""
+    """Follow the orbit along edges: (n, 5) ends, (n, 4) points, (n, 4, 4) tangents, (n, MOTION_SIZE) motions."""
     settings = len(grid.drives)
     tiles = []
     for first in range(0, here.size, TILE_EDGES):
@@ -372,7 +375,7 @@ def follow_tile(
 ):
     """Follow the orbits ``points`` along edges; see follow_edges."""
     n = rocks.size
-    ends, points = np.zeros((n, 3)), points.copy()
+    ends, points = np.zeros((n, 5)), points.copy()
     tangents, motions = np.zeros((n, 4, 4)), np.zeros((n, MOTION_SIZE))
     arrays = (plants.copy(), rocks.copy(), here.copy(), there.copy(), precision.copy())
     follow_edges(*arrays, points, tangents, motions, ends)
@@ -384,9 +387,9 @@ def _kinds(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
     multipliers = np.linalg.eigvals(edges.tangents).astype(complex)
     nearest = np.argmin(np.abs(np.abs(multipliers) - 1.0), axis=1) if len(multipliers) else np.zeros(0, dtype=int)
     critical = multipliers[np.arange(len(multipliers)), nearest]
-    critical = critical.real + 1j * np.abs(critical.imag)
-    kinds = np.where(critical.real < 0, PERIOD_DOUBLING, FOLD)
-    kinds[critical.imag > 0] = NEIMARK_SACKER
+    critical = np.real(critical) + 1j * np.abs(np.imag(critical))
+    kinds = np.where(np.real(critical) < 0, PERIOD_DOUBLING, FOLD)
+    kinds[np.imag(critical) > 0] = NEIMARK_SACKER
     # an orbit that goes on with another label has not reached the unit circle
     kinds[(edges.ends[:, 2] == ANOTHER_LABEL) & (np.abs(np.abs(critical) - 1.0) > 1e-3)] = GRAZING
     return kinds, critical
@@ -418,17 +421,18 @@ def _dataset(grid: Grid, labels: np.ndarray, share: np.ndarray, orbits: Orbits, 
         "boundary_axis": edges.axis.astype(np.int32),
         "boundary_side": np.where(edges.here < edges.there, -1, 1).astype(np.int32),
         "boundary_kind": kinds.astype(np.int32),
-        "boundary_multiplier_real": critical.real,
-        "boundary_multiplier_imaginary": critical.imag,
+        "boundary_impacts": edges.ends[:, 3].astype(np.int32),
+        "boundary_contacts": edges.ends[:, 4].astype(np.int32),
+        "boundary_multiplier_real": np.real(critical),
+        "boundary_multiplier_imaginary": np.imag(critical),
     }
     data = {}
     for name, (dims, unit, meaning) in VARIABLES.items():
         shape = (*grid.shape, *columns[name].shape[1:]) if dims[0] == "rock" else columns[name].shape
         data[name] = (dims, columns[name].reshape(shape), {"units": unit, "long_name": meaning})
     cases = {rock: case for case, rock in ROCKS.items()}
-    coordinates: dict[str, Any] = {
-        name: (name, axis, {"units": UNITS[name]}) for name, axis in zip(AXES, grid.axes, strict=True)
-    }
+    axes = zip(AXES, grid.axes, strict=True)
+    coordinates: dict[str, Any] = {name: (name, axis, {"units": UNITS[name]}) for name, axis in axes}
     coordinates["rock"] = ("rock", [cases.get(rock, 0) for rock in grid.rocks], {"long_name": "case of Table 2.2"})
     coordinates["rock_name"] = ("rock", [rock.name for rock in grid.rocks], {})
     for name in ("loading_stiffness", "unloading_stiffness"):
@@ -461,9 +465,9 @@ def _origin(grid: Grid, rig: Rig, starts: int, seed: int) -> dict[str, Any]:
         "rig_drive_gain": rig.drive_gain,
         "rig_pressure_gain": rig.pressure_gain,
         "method": (
-            f"Exact piecewise-linear flow. On {' x '.join(map(str, grid.shape))} points a fresh and {starts} random starts, "
-            f"each run until its orbit is found (at most {PATIENCE} periods); P-1-I-1 continued from every point where one "
-            "settles on it by Newton's method on the stroboscopic map; boundaries located on the edges."
+            f"Exact piecewise-linear flow. On {' x '.join(map(str, grid.shape))} points a fresh and {starts} random "
+            f"starts, each run until its orbit is found (at most {PATIENCE} periods); P-1-I-1 continued from each "
+            "point where one settles on it by Newton's method on the stroboscopic map; boundaries located on the edges."
         ),
     }
 

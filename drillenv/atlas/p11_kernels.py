@@ -182,9 +182,9 @@ def follow(
     method on the straight line through the last two orbits.
 
     Returns:
-        The share of the way on which the orbit is P-1-I-1, the length of the first step beyond it that fails, and what
-        that step comes upon (IS_P11 where the whole way is covered). ``point``, ``tangent`` and ``motion`` are then
-        those of the last orbit.
+        The share of the way on which the orbit is P-1-I-1, the length of the first step beyond it that fails, what that
+        step comes upon (IS_P11 where the whole way is covered), and how many impacts and contacts that has (0 where it
+        is not the orbit followed). ``point``, ``tangent`` and ``motion`` are then those of the last orbit.
     """
     trial, behind = np.zeros(4), np.zeros(4)
     trial_tangent, trial_motion = np.zeros((4, 4)), np.zeros(MOTION_SIZE)
@@ -203,12 +203,14 @@ def follow(
             point[:], tangent[:], motion[:] = trial, trial_tangent, trial_motion
             share = ahead
             if share >= 1.0:
-                return share, 0.0, IS_P11
+                return share, 0.0, IS_P11, 1.0, 1.0
             step *= 2.0
         elif step <= precision:
             if status != NO_ORBIT and section_distance(model, trial, point) > JUMP:
                 status = JUMPED
-            return share, ahead - share, status
+            if status in (NO_ORBIT, JUMPED):
+                return share, step, status, 0.0, 0.0
+            return share, step, status, trial_motion[M_IMPACTS], trial_motion[M_CONTACTS]
         else:
             step *= 0.5
 
@@ -235,12 +237,13 @@ def follow_edges(
         points: (n, 4) in: the orbit at ``here``; out: the last one on the way.
         tangents: (n, 4, 4) out: its monodromy matrix.
         motions: (n, MOTION_SIZE) out: its description.
-        ends: (n, 3) out: how far it can be followed, the step that fails, what that step comes upon.
+        ends: (n, 5) out: what follow returns.
     """
     model = plants[0].copy()
     for i in range(rocks.size):
         model[:] = plants[rocks[i]]
         tangents[i] = np.nan
-        ends[i, 0], ends[i, 1], ends[i, 2] = follow(
+        share, step, status, impacts, contacts = follow(
             model, here[i], there[i], precision[i], points[i], tangents[i], motions[i]
         )
+        ends[i, 0], ends[i, 1], ends[i, 2], ends[i, 3], ends[i, 4] = share, step, status, impacts, contacts

@@ -1,12 +1,12 @@
 """The exact engine: closed-form flow from switch to switch, for the linear rock law.
 
 A regime ends where a known function of time first rises through zero: the gap ``w`` in free flight, ``-v2`` while
-loading, ``v2`` or ``-w`` while unloading. All are sums of a polynomial, a harmonic and damped pairs, evaluated with two
-derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in long steps. On each, the quintic
-through values, slopes and curvatures at both ends is off by at most ``bound s^3 (h - s)^3 / 720``, with a bound on the
-sixth derivative from the amplitudes of the modes. Written in Bernstein's basis of degree six that error falls on the middle
-coefficient alone, so that seven numbers not above zero prove that nothing happens on the step, up to its ends. A step
-that cannot be proved is halved. So a contact that begins and ends inside one step is not missed.
+loading, ``v2`` or ``-w`` while unloading. All are sums of a polynomial, a harmonic and damped pairs, evaluated with
+two derivatives from :mod:`drillenv.dynamics.flow`. The search walks over the regime in long steps. On each, the
+quintic through values, slopes and curvatures at both ends is off by at most ``bound s^3 (h - s)^3 / 720``, with a
+bound on the sixth derivative from the amplitudes of the modes. Written in Bernstein's basis of degree six that error
+falls on the middle coefficient alone, so that seven numbers not above zero prove that nothing happens on the step, up
+to its ends. A step that cannot be proved is halved. So a contact that begins and ends inside one step is not missed.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from drillenv.dynamics.exact import (
     set_phase,
 )
 from drillenv.dynamics.flow import LOADING, STIFFNESS, UNLOADING, make_model
-from drillenv.dynamics.general import GeneralRun, Impacts, Start, run_general
+from drillenv.dynamics.general import Impacts, Start, run_general
 from drillenv.dynamics.motion import Motion, checked_place, motion
 from drillenv.dynamics.orbits import put_on_section
 from drillenv.files import whole
@@ -382,20 +382,20 @@ def _run_general(
         lost_in_damper=run.energy.damper,
         lost_in_rock=run.energy.rock - elastic,
         stored_change=run.energy.stored_after - run.energy.stored_before + elastic,
-        penetration_rate=_rate(run, steady, setting),
+        penetration_rate=_rate(times, run.penetration, setting if steady else None),
         setting=setting,
         rock=rock,
         rig=rig,
     )
 
 
-def _rate(run: GeneralRun, steady: bool, setting: Setting) -> float:
-    """Penetration over time between samples: of the whole run, or on a motion of the whole periods in it."""
-    last = run.time.size - 1
-    if steady and run.time[-1] * setting.frequency > 1.0:
-        until = math.floor(run.time[-1] * setting.frequency * (1 + 1e-12)) / setting.frequency
-        last = int(np.searchsorted(run.time, until * (1 - 1e-12)))
-    return float((run.penetration[last] - run.penetration[0]) / run.time[last]) if last else 0.0
+def _rate(times: Floats, penetration: Floats, setting: Setting | None) -> float:
+    """Penetration over time between samples: of the whole periods at a setting where there are any, or of all."""
+    last = times.size - 1
+    if setting is not None and times[-1] >= setting.period:
+        until = math.floor(times[-1] * setting.frequency * (1 + 1e-12)) * setting.period
+        last = min(int(np.count_nonzero(times < until * (1 - 1e-12))), last)
+    return float((penetration[last] - penetration[0]) / times[last]) if last else 0.0
 
 
 def _settling_time(rig: Rig) -> float:

@@ -44,8 +44,8 @@ def logged(rig: Rig, rock: Rock, setting: Setting, periods: int) -> tuple[np.nda
 def dense_scan(rig: Rig, rock: Rock, setting: Setting, log: np.ndarray) -> dict[int, np.ndarray]:
     """(y, v1, v2, w) at POINTS places along every segment, by the exponential of the system with its forcing."""
     omega = TURN * setting.frequency
-    times = (log[:, 0] * TURN + log[:, 7]) / omega
-    spans = np.diff(times)
+    # differences first: whole turns added up would cost the last digits of a short segment
+    spans = (np.diff(log[:, 0]) * TURN + np.diff(log[:, 7])) / omega
     scans = {}
     for regime, kappa in ((FREE, 0.0), (LOADING, rock.loading_stiffness), (UNLOADING, rock.unloading_stiffness)):
         system = _flight(rig, setting)

@@ -1,0 +1,534 @@
+"""The command line: reads the options, calls the package, prints."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import drillenv
+from drillenv.checks import InputError, choice, count, shown
+from drillenv.files import check_writable
+from drillenv.rig import (
+    AMPLITUDE_LIMITS,
+    AMPLITUDE_RANGE,
+    FREQUENCY_LIMITS,
+    FREQUENCY_RANGE,
+    PRESSURE_LIMITS,
+    PRESSURE_RANGE,
+    Rig,
+    Setting,
+)
+from drillenv.rocks import ROCKS, STIFFNESS_LIMITS, Rock, rock
+
+if TYPE_CHECKING:
+    from drillenv.atlas import Sweep
+    from drillenv.dynamics.motion import Motion
+    from drillenv.dynamics.simulate import Run
+
+BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+"""Exit codes; the last two are those that a shell gives to a command ended by SIGINT or SIGPIPE."""
+
+CONTROLS = {
+    "frequency": ("HZ", "excitation frequency in Hz", FREQUENCY_LIMITS, FREQUENCY_RANGE),
+    "amplitude": ("V", "excitation voltage amplitude in V", AMPLITUDE_LIMITS, AMPLITUDE_RANGE),
+    "pressure": ("BAR", "pneumatic pressure in bar", PRESSURE_LIMITS, PRESSURE_RANGE),
+}
+SWEPT = {"frequency": "Hz", "amplitude": "V", "pressure": "bar", "stiffness": "N/m"}
+RIG_UNITS = {
+    "shaker_mass": "m1 in kg",
+    "indenter_mass": "m2 in kg",
+    "stiffness": "k of the structure in N/m",
+    "damping": "c of the structure in N s/m",
+    "drive_gain": "factor on Eq. 3.5",
+    "pressure_gain": "factor on Eq. 3.6",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line. Returns the exit code: 0, 2 on bad input, 130 when interrupted, 141 on a closed pipe."""
+    try:
+        given = _parser().parse_args(arguments)
+        given.run(given)
+        sys.stdout.flush()
+    except InputError as error:
+        return _say(str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        return _say("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        _drop_output()
+        return BROKEN_PIPE
+    except OSError as error:
+        _drop_output()
+        where = f" {shown(str(error.filename))}" if error.filename else ""
+        return _say(f"cannot write{where}: {error.strerror or error}", BAD_INPUT)
+    except SystemExit as end:  # --help and --version
+        return end.code if isinstance(end.code, int) else 0
+    return 0
+
+
+def _say(message: str, code: int) -> int:
+    """One line on stderr, and the exit code."""
+    print(f"drillenv: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+def _drop_output() -> None:
+    """Send what is left to print nowhere, or Python would complain about it on its way out."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):
+        pass  # not a real file, as under a test
+
+
+# --- The options
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose complaints are InputErrors."""
+
+    def error(self, message: str) -> NoReturn:
+        """Complain in one line."""
+        raise InputError(f"{message} (see {self.prog} --help)")
+
+
+def _number(text: str) -> float:
+    """A number, as an option gives it; its limits are checked where it is used."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{shown(text)} is not a number: give one such as 0.45") from None
+
+
+def _whole_number(text: str) -> int:
+    """A whole number, as an option gives it."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{shown(text)} is not a whole number: give one such as 4") from None
+
+
+def _parser() -> Parser:
+    """The parser of all commands."""
+    parser = Parser(prog="drillenv", description="A percussive-drilling rig, simulated exactly.", allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"drillenv {drillenv.__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
+    for name, add, line in (
+        ("simulate", _add_simulate, "run the rig and write what its sensors see"),
+        ("motion", _add_motion, "the motion that the rig settles on"),
+        ("sweep", _add_sweep, "the motions along a control or the rock's stiffness: a bifurcation diagram"),
+        ("atlas", _add_atlas, "where one impact a period exists, over frequency, amplitude and pressure"),
+        ("paper", _add_paper, "compute every published motion and draw its figure"),
+    ):
+        command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
+        add(command)
+    return parser
+
+
+def _add_controls(parser: Parser, required: bool = True) -> None:
+    group = parser.add_argument_group("setting")
+    for name, (metavar, meaning, limits, box) in CONTROLS.items():
+        note = f"{meaning}, {limits[0]:g} to {limits[1]:g} (the paper explores {box[0]:g} to {box[1]:g})"
+        group.add_argument(f"--{name}", type=_number, required=required, metavar=metavar, help=note)
+
+
+def _add_rock(parser: Parser) -> None:
+    group = parser.add_argument_group("rock")
+    names = f"{ROCKS[1].name} to {ROCKS[6].name}"
+    group.add_argument("--rock", metavar="ROCK", help=f"case of Table 2.2, 1 to 6, or its name, {names} (default 4)")
+    limits = f"{STIFFNESS_LIMITS[0]:g} to {STIFFNESS_LIMITS[1]:g}"
+    for way, symbol in (("loading", "k_l"), ("unloading", "k_u")):
+        note = f"{symbol} of a rock of your own in N/m, {limits}; give both or none"
+        group.add_argument(f"--{way}-stiffness", type=_number, metavar="N/M", help=note)
+
+
+def _add_rig(parser: Parser) -> None:
+    group = parser.add_argument_group("rig", "By default that of Table 2.1.")
+    for field in dataclasses.fields(Rig):
+        note = f"{RIG_UNITS[field.name]} (default {field.default:g})"
+        group.add_argument(f"--{field.name.replace('_', '-')}", type=_number, metavar="X", help=note)
+
+
+def _add_json(parser: Parser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _add_simulate(parser: Parser) -> None:
+    parser.add_argument(
+        "--seconds", type=_number, default=2.0, metavar="S", help="duration in s, 0.001 to 3600 (default 2)"
+    )
+    note = "samples a second, 100 to 1000000 (default 25600)"
+    parser.add_argument("--sample-rate", type=_number, default=25600.0, metavar="HZ", help=note)
+    note = "fresh: at rest against untouched rock (default); steady: on the motion that follows from there"
+    parser.add_argument("--start", default="fresh", metavar="{fresh,steady}", help=note)
+    parser.add_argument(
+        "--phase", type=_number, default=0.0, metavar="RAD", help="of the excitation at the start, in rad"
+    )
+    note = "exact: closed form (default); general: numerical integration"
+    parser.add_argument("--engine", default="exact", metavar="{exact,general}", help=note)
+    parser.add_argument("--out", metavar="FILE.csv", help="where the samples go")
+    _add_json(parser)
+    _add_controls(parser)
+    _add_rock(parser)
+    _add_rig(parser)
+    parser.set_defaults(run=_simulate)
+
+
+def _add_motion(parser: Parser) -> None:
+    note = "look for coexisting motions from so many starts, 1 to 10000; the first is the rig at rest"
+    parser.add_argument("--starts", type=_whole_number, metavar="N", help=note)
+    parser.add_argument(
+        "--seed", type=_whole_number, metavar="N", help="of the other starts, which are random (default 0)"
+    )
+    _add_json(parser)
+    _add_controls(parser)
+    _add_rock(parser)
+    _add_rig(parser)
+    parser.set_defaults(run=_motion)
+
+
+def _add_sweep(parser: Parser) -> None:
+    note = "frequency (Hz), amplitude (V), pressure (bar), or stiffness (k_l in N/m, k_u keeping its ratio to it)"
+    parser.add_argument("--over", required=True, metavar="{frequency,amplitude,pressure,stiffness}", help=note)
+    parser.add_argument("--from", dest="first", type=_number, required=True, metavar="X", help="first value")
+    parser.add_argument("--to", dest="last", type=_number, required=True, metavar="X", help="last value")
+    parser.add_argument("--step", type=_number, required=True, metavar="X", help="from one value to the next")
+    note = "up, down, or both, which shows where motions coexist (default both)"
+    parser.add_argument("--direction", default="both", metavar="{up,down,both}", help=note)
+    parser.add_argument("--out", metavar="FILE.png", help="where the bifurcation diagram goes: .png, .pdf or .svg")
+    parser.add_argument("--data", metavar="FILE.csv", help="where the numbers go")
+    _add_json(parser)
+    _add_controls(parser, required=False)
+    _add_rock(parser)
+    _add_rig(parser)
+    parser.set_defaults(run=_sweep)
+
+
+def _add_atlas(parser: Parser) -> None:
+    parser.add_argument(
+        "--rock", default="all", metavar="ROCKS", help="all, or cases or names with commas: 1,4 (default all)"
+    )
+    parser.add_argument("--out", required=True, metavar="FILE.nc", help="where the atlas goes, as NetCDF")
+    note = "values of frequency, amplitude and pressure over the box of the paper, 2 to 1000 each"
+    parser.add_argument("--points", type=_whole_number, nargs=3, metavar=("F", "A", "P"), help=note)
+    note = "random starts at each point, beside the rig at rest (default 12)"
+    parser.add_argument("--starts", type=_whole_number, default=12, metavar="N", help=note)
+    parser.add_argument("--seed", type=_whole_number, default=0, metavar="N", help="of the random starts (default 0)")
+    note = "address of a Ray cluster to work on, or local (default: the cores of this machine)"
+    parser.add_argument("--cluster", metavar="ADDRESS", help=note)
+    _add_json(parser)
+    _add_rig(parser)
+    parser.set_defaults(run=_atlas)
+
+
+def _add_paper(parser: Parser) -> None:
+    note = "folder for published.json and a figure for each of 2.5, 3.2 and 4.1 to 4.4; made if it is not there"
+    parser.add_argument("--out", required=True, metavar="DIR", help=note)
+    _add_json(parser)
+    parser.set_defaults(run=_paper)
+
+
+# --- What the options mean
+
+
+def _setting(given: argparse.Namespace) -> Setting:
+    return Setting(given.frequency, given.amplitude, given.pressure)
+
+
+def _rock(given: argparse.Namespace) -> Rock:
+    loading, unloading = given.loading_stiffness, given.unloading_stiffness
+    if loading is None and unloading is None:
+        return rock("4" if given.rock is None else given.rock)
+    if given.rock is not None:
+        raise InputError("--rock and a stiffness of one's own are both given: give one or the other")
+    if loading is None or unloading is None:
+        raise InputError("one of --loading-stiffness and --unloading-stiffness is missing: give both, in N/m")
+    return Rock(loading, unloading)
+
+
+def _rig(given: argparse.Namespace) -> Rig:
+    constants = {field.name: getattr(given, field.name) for field in dataclasses.fields(Rig)}
+    return Rig(**{name: value for name, value in constants.items() if value is not None})
+
+
+def _progress() -> bool:
+    """Whether somebody watches."""
+    return sys.stderr.isatty()
+
+
+# --- The commands
+
+
+def _simulate(given: argparse.Namespace) -> None:
+    from drillenv.dynamics.simulate import simulate
+
+    setting, rock, rig = _setting(given), _rock(given), _rig(given)
+    if given.out is not None:
+        check_writable(given.out)
+    run = simulate(setting, rock, rig, given.seconds, given.sample_rate, given.start, given.phase, given.engine)
+    if given.out is not None:
+        run.to_csv(given.out)
+    if given.json:
+        _print_json(_run_summary(run, given))
+        return
+    print(f"{_place(setting, rock)}: {given.seconds:g} s from the {given.start} start, {run.time.size} samples")
+    print(f"penetration rate  {_millimetres(run.penetration_rate)}")
+    print(f"impacts           {run.impacts.time.size}")
+    print(f"peak force        {run.impacts.force.max(initial=0.0):.1f} N")
+    print(
+        f"energy            {run.work_in:.4f} J put in, {run.lost_in_damper:.4f} J lost in the damper, "
+        f"{run.lost_in_rock:.4f} J in the rock; balance open by {run.balance_error:.0e}"
+    )
+    if given.out is not None:
+        print(f"wrote {given.out}")
+
+
+def _run_summary(run: Run, given: argparse.Namespace) -> dict[str, Any]:
+    parts = ("work_in", "work_by_drive", "work_by_static", "lost_in_damper", "lost_in_rock", "stored_change")
+    return {
+        **_where(run.setting, run.rock),
+        "seconds": given.seconds,
+        "sample_rate": given.sample_rate,
+        "start": given.start,
+        "samples": run.time.size,
+        "penetration_rate": run.penetration_rate,
+        "peak_force": run.impacts.force.max(initial=0.0),
+        **{part: getattr(run, part) for part in (*parts, "balance_error")},
+        "impacts": [
+            dict(zip(("time", "force", "speed", "depth"), row, strict=True))
+            for row in zip(*(column.tolist() for column in run.impacts[:4]), strict=True)
+        ],
+        "out": given.out,
+    }
+
+
+def _motion(given: argparse.Namespace) -> None:
+    from drillenv.dynamics.motion import motion, motions
+
+    setting, rock, rig = _setting(given), _rock(given), _rig(given)
+    if given.starts is None:
+        if given.seed is not None:
+            raise InputError("--seed is given without --starts, which it is for: give both or none")
+        found = [motion(setting, rock, rig)]
+    else:
+        seed = count("seed", given.seed or 0, 0, 2**53)
+        found = motions(setting, rock, rig, starts=given.starts, seed=seed)
+    if given.json and given.starts is None:
+        _print_json(_where(setting, rock) | _motion_numbers(found[0]))
+    elif given.json:
+        listed = [_motion_numbers(each) | {"share": each.share} for each in found]
+        _print_json(_where(setting, rock) | {"starts": given.starts, "seed": given.seed or 0, "motions": listed})
+    else:
+        print(_place(setting, rock))
+        for each in found:
+            _print_motion(each, given.starts)
+
+
+def _motion_numbers(motion: Motion) -> dict[str, Any]:
+    names = ("label", "period", "impacts", "contacts", "penetration_rate", "peak_force", "impact_speed", "stable")
+    return {
+        **{name: getattr(motion, name) for name in names},
+        "multipliers": [[value.real, value.imag] for value in motion.multipliers.tolist()],
+        "exponent": motion.exponent,
+    }
+
+
+def _print_motion(motion: Motion, starts: int | None) -> None:
+    share = "" if starts is None else f"  ({100 * motion.share:.1f} % of {starts} starts)"
+    per = "a motion" if motion.period else "a period in the mean"
+    print(f"{motion.label}{share}")
+    print(f"  impacts           {motion.impacts:g} in {motion.contacts:g} contacts, {per}")
+    print(f"  penetration rate  {_millimetres(motion.penetration_rate)}")
+    print(f"  peak force        {motion.peak_force:.1f} N")
+    print(f"  impact speed      {motion.impact_speed:.4f} m/s")
+    if motion.period:
+        listed = ", ".join(f"{value:.4f}" for value in motion.multipliers.tolist())
+        print(f"  multipliers       {listed} ({'stable' if motion.stable else 'not stable'})")
+    else:
+        print(f"  largest Lyapunov exponent  {motion.exponent:.3f} 1/s")
+
+
+def _sweep(given: argparse.Namespace) -> None:
+    from drillenv.atlas import sweep
+
+    over = choice("over", given.over, tuple(SWEPT))
+    if given.out is None and given.data is None and not given.json:
+        raise InputError("nothing would be kept of this sweep: give --out, --data or --json")
+    for path in (given.out, given.data):
+        if path is not None:
+            check_writable(path)
+    if given.out is not None:
+        choice("the ending of --out", Path(given.out).suffix.lower(), (".png", ".pdf", ".svg"))
+    setting, rock, rig = _swept_setting(given, over), _rock(given), _rig(given)
+    result = sweep(setting, over, given.first, given.last, given.step, rock, rig, given.direction, _progress())
+    if given.data is not None:
+        result.to_csv(given.data)
+    if given.out is not None:
+        result.plot(given.out)
+    if given.json:
+        _print_json(_where(setting, rock, without=over) | {"over": over, "points": list(_sweep_points(result))})
+        return
+    for direction in result.directions:
+        print(f"{direction}:")
+        for first, last, label in _stretches(result.values.tolist(), result.labels(direction).tolist()):
+            print(f"  {first:10.6g} to {last:10.6g} {SWEPT[over]}  {label}")
+    for path in (given.out, given.data):
+        if path is not None:
+            print(f"wrote {path}")
+
+
+def _swept_setting(given: argparse.Namespace, over: str) -> Setting:
+    """The controls that stay, and the first value of the swept one."""
+    values: dict[str, Any] = {name: getattr(given, name) for name in CONTROLS}
+    missing = [f"--{name}" for name, value in values.items() if value is None and name != over]
+    if missing:
+        raise InputError(f"a sweep over {over} holds the other controls: give {' and '.join(missing)} too")
+    if over in CONTROLS:
+        if values[over] is not None:
+            raise InputError(f"--{over} is given in a sweep over it: leave it out, --from and --to say it")
+        values[over] = given.first
+    return Setting(**values)
+
+
+def _sweep_points(result: Sweep) -> Iterable[dict[str, Any]]:
+    names = ("period", "impacts", "contacts", "penetration_rate", "peak_force", "impact_speed", "stable", "exponent")
+    for direction in result.directions:
+        points, labels = result.points(direction), result.labels(direction).tolist()
+        for point, label in zip(points, labels, strict=True):
+            peaks = point["peak_forces"][: point["peaks"]].tolist()
+            head = {"direction": direction, "value": point["value"].item(), "label": label}
+            yield head | {name: point[name].item() for name in names} | {"peak_forces": peaks}
+
+
+def _stretches(values: Sequence[float], labels: Sequence[str]) -> Iterable[tuple[float, float, str]]:
+    """First and last value of each stretch with one label."""
+    begin = 0
+    for at in range(1, len(labels) + 1):
+        if at == len(labels) or labels[at] != labels[begin]:
+            yield values[begin], values[at - 1], labels[begin]
+            begin = at
+
+
+def _atlas(given: argparse.Namespace) -> None:
+    rocks = given.rock if given.rock.strip().lower() == "all" else [rock(part) for part in given.rock.split(",")]
+    rig = _rig(given)
+    axes = _axes(given.points)
+    check_writable(given.out)
+    from drillenv.atlas import atlas
+
+    dataset = atlas(
+        rocks,
+        **axes,
+        starts=given.starts,
+        seed=given.seed,
+        rig=rig,
+        progress=_progress(),
+        cluster=given.cluster,
+        out=given.out,
+    )
+    summary = {
+        "out": given.out,
+        "points": dict(dataset["exists"].sizes),
+        "exists": float(dataset["exists"].mean()),
+        "only": float(dataset["only"].mean()),
+        "boundary_points": dataset.sizes["boundary_point"],
+    }
+    if given.json:
+        _print_json(summary)
+        return
+    print(f"P-1-I-1 exists at {100 * summary['exists']:.1f} % of the points, and is the only motion at ", end="")
+    print(f"{100 * summary['only']:.1f} %; {summary['boundary_points']} points on its boundary")
+    print(f"wrote {given.out}")
+
+
+def _axes(points: Sequence[int] | None) -> dict[str, list[float]]:
+    """So many values of each control over the box of the paper; none where the atlas' own are wanted."""
+    if points is None:
+        return {}
+    axes: dict[str, list[float]] = {}
+    for (name, (_metavar, _meaning, _limits, (low, high))), wanted in zip(CONTROLS.items(), points, strict=True):
+        n = count(f"--points of {name}", wanted, 2, 1000)
+        axes[name] = [low + (high - low) * i / (n - 1) for i in range(n)]
+    return axes
+
+
+def _paper(given: argparse.Namespace) -> None:
+    folder = Path(given.out)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out is {shown(given.out)}, which is a file: give the name of a folder")
+    made = _make_folder(folder)
+    try:
+        check_writable(folder / "published.json")
+        from drillenv.paper import reproduce
+
+        rows = reproduce(folder, _progress())
+    except BaseException:
+        for each in made:
+            if not any(each.iterdir()):
+                each.rmdir()
+        raise
+    if given.json:
+        _print_json(rows)
+        return
+    for row in rows:
+        agrees = "agrees" if row["agrees"] else "differs"
+        print(f"{row['figure']!s:>5}  {row['setting']!s:<42} published {row['published']!s:<22} ", end="")
+        print(f"computed {row['computed']!s:<22} {agrees}")
+    print(
+        f"{sum(bool(row['agrees']) for row in rows)} of {len(rows)} agree; wrote published.json and figures to {folder}"
+    )
+
+
+def _make_folder(folder: Path) -> list[Path]:
+    """Make a folder and those above it. Returns those made, the innermost first."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot make the folder {shown(str(folder))}: {reason}; give another --out") from None
+    return missing
+
+
+# --- How it is printed
+
+
+def _place(setting: Setting, rock: Rock) -> str:
+    return f"{rock.name} at {setting.frequency:g} Hz, {setting.amplitude:g} V, {setting.pressure:g} bar"
+
+
+def _millimetres(rate: float) -> str:
+    return f"{1e3 * rate:.4f} mm/s"
+
+
+def _where(setting: Setting, rock: Rock, without: str = "") -> dict[str, Any]:
+    """The setting and the rock, for JSON."""
+    controls = {name: getattr(setting, name) for name in CONTROLS if name != without}
+    pair = {"name": rock.name, "loading_stiffness": rock.loading_stiffness}
+    return {"rock": pair | {"unloading_stiffness": rock.unloading_stiffness}, **controls}
+
+
+def _print_json(value: object) -> None:
+    print(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    """``value`` as JSON knows it: no arrays, and null where there is no finite number."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    convert: Callable[[], Any] | None = getattr(value, "tolist", None)
+    return value if convert is None else _plain(convert())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
