@@ -191,7 +191,9 @@ class Curve:
 
     def halves(self, before: Place, after: Place) -> bool:
         """Whether the orbit has become one of half the period, or passed through it: then the halves change places."""
-        return self.period % 2 == 0 and (before.swing @ after.swing <= 0.0 or np.abs(after.swing).max() < HALVED)
+        if self.period % 2:
+            return False
+        return bool(before.swing @ after.swing <= 0.0 or np.abs(after.swing).max() < HALVED)
 
     def goes_on(self, before: Place, after: Place) -> bool:
         """Whether the motion keeps its label and its stability from one point to the next, and the curve its way."""
@@ -225,8 +227,8 @@ class Curve:
             quick = there.effort <= 5 and there.tangent @ here.tangent > 0.99
             here, length = there, min(LONGEST_STEP, length * (1.5 if quick else 1.0))
         raise InputError(
-            f"the orbit {self.label} is lost at {self.over} {self.value(here.at):.9g}, where it neither ends nor can be "
-            "followed: give an outside value closer to the inside"
+            f"the orbit {self.label} is lost at {self.over} {self.value(here.at):.9g}, where it neither ends nor can "
+            "be followed: give an outside value closer to the inside"
         )
 
     def bisect(self, last: Place, past: Place) -> tuple[Place, Place]:
@@ -258,7 +260,8 @@ class Curve:
             if place is None:
                 return None
             here = float(place.at[4])
-            real = place.multipliers[np.abs(place.multipliers.imag) < 1e-9].real
+            multipliers = place.multipliers
+            real = np.real(multipliers[np.abs(np.imag(multipliers)) < 1e-9])
             above = float(real[np.argmin(np.abs(real + 1.0))]) + 1.0 if real.size else math.nan
             if abs(above) < 1e-12:
                 return half.value(place.at), place.monodromy
