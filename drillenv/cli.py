@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import math
@@ -81,10 +82,8 @@ def _say(message: str, code: int) -> int:
 
 def _drop_output() -> None:
     """Send what is left to print nowhere, or Python would complain about it on its way out."""
-    try:
+    with contextlib.suppress(OSError, ValueError):  # where it is no real file, as under a test
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError):
-        pass  # not a real file, as under a test
 
 
 # --- The options
@@ -447,11 +446,11 @@ def _atlas(given: argparse.Namespace) -> None:
     print(f"wrote {given.out}")
 
 
-def _axes(points: Sequence[int] | None) -> dict[str, list[float]]:
+def _axes(points: Sequence[int] | None) -> dict[str, Any]:
     """So many values of each control over the box of the paper; none where the atlas' own are wanted."""
     if points is None:
         return {}
-    axes: dict[str, list[float]] = {}
+    axes: dict[str, Any] = {}
     for (name, (_metavar, _meaning, _limits, (low, high))), wanted in zip(CONTROLS.items(), points, strict=True):
         n = count(f"--points of {name}", wanted, 2, 1000)
         axes[name] = [low + (high - low) * i / (n - 1) for i in range(n)]

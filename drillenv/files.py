@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from drillenv.checks import InputError, shown
@@ -21,20 +22,19 @@ def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         InputError: ``path`` is no path or cannot be written.
     """
     target = _resolved(path)
-    if target.exists() and not target.is_file():
-        if target.is_dir():
-            raise InputError(f"cannot write {shown(str(path))}: it is a folder; give the name of a file")
-        with _said(path):
+    with _said(path):
+        if target.exists() and not target.is_file():
+            if target.is_dir():
+                raise InputError(f"cannot write {shown(str(path))}: it is a folder; give the name of a file")
             yield target
-        return
-    temporary = target.with_name(f".{os.getpid()}.{target.name}")
-    try:
-        with _said(path):
+            return
+        temporary = target.with_name(f".{secrets.token_hex(4)}.{target.name}")
+        try:
             temporary.touch(exist_ok=False)
             yield temporary
             os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
@@ -44,15 +44,11 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         InputError: it cannot.
     """
     target = _resolved(path)
-    if target.is_file() and not os.access(target, os.W_OK):
-        raise InputError(f"cannot write {shown(str(path))}: it is read-only; give another name")
-    if target.exists() and not target.is_dir() and not target.is_file():
-        return
-    try:
-        with whole(path):
-            raise _Enough
-    except _Enough:
-        pass
+    with _said(path):
+        if target.is_file() and not os.access(target, os.W_OK):
+            raise InputError(f"cannot write {shown(str(path))}: it is read-only; give another name")
+    with suppress(_Enough), whole(path):
+        raise _Enough
 
 
 class _Enough(Exception):  # noqa: N818

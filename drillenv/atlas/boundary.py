@@ -35,8 +35,9 @@ ARRIVED = 1e-10
 MOST_STEPS = 5000
 CLOSED = 1e-11
 """An orbit has been found when it comes back to within this many length scales."""
-HALVED = 1e-7
-"""A second half closer to the first than this many length scales is the same: the orbit is one of half the period."""
+HALVED, NEARLY_HALVED = 1e-7, 1e-3
+"""A second half closer to the first than this many length scales is the same: the orbit is one of half the period. One
+that ends this near to it is about to be, and the value then lies about the square of this away, in swept ranges."""
 JUMP_TOLERANCE = 1e-6
 """Share of the value to which a jump is located by runs."""
 
@@ -76,6 +77,10 @@ class Boundary:
     followed: str
     """"forward" where the orbit that ends was followed to its end; "backward" where the motion after it was, since the
     one that ends has no orbit; "none" for a jump."""
+
+
+class OrbitLostError(InputError):
+    """An orbit could not be followed any further, and did not end either."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,7 +189,7 @@ class Curve:
         heading = np.array([0.0, 0.0, 0.0, 0.0, math.copysign(1.0, self.outside - self.inside)])
         start = self.correct(self.first, heading)
         if start is None:
-            raise InputError(
+            raise OrbitLostError(
                 f"the orbit {self.label} at {self.over} {self.inside:g} cannot be followed: start elsewhere"
             )
         return start
@@ -226,7 +231,7 @@ class Curve:
                 return self.bisect(here, there)
             quick = there.effort <= 5 and there.tangent @ here.tangent > 0.99
             here, length = there, min(LONGEST_STEP, length * (1.5 if quick else 1.0))
-        raise InputError(
+        raise OrbitLostError(
             f"the orbit {self.label} is lost at {self.over} {self.value(here.at):.9g}, where it neither ends nor can "
             "be followed: give an outside value closer to the inside"
         )
@@ -369,7 +374,10 @@ def _change(swept: Sweep, way: str, i: int, j: int) -> Boundary:
         if not begin.period:
             continue
         curve = Curve(begin, swept.over, float(towards))
-        end = curve.follow()
+        try:
+            end = curve.follow()
+        except OrbitLostError:
+            continue
         if end is not None:
             return _boundary(curve, *end, named=(first.label, second.label, way, followed))
     return _jump(swept.over, way, first, second)
@@ -402,9 +410,9 @@ def _boundary(curve: Curve, last: Place, past: Place, named: tuple[str, str, str
 def _kind(curve: Curve, last: Place, past: Place) -> tuple[str, float, np.ndarray]:
     """What ends the motion, the value, and the derivative of the map whose multipliers show it."""
     value = curve.value(last.at)
-    if curve.halves(last, past):
+    if np.abs(last.swing).max() < NEARLY_HALVED and curve.period % 2 == 0:
         half = curve.halved(last)
-        if half is not None:
+        if half is not None and abs(half[0] - value) < NEARLY_HALVED**2 * curve.scales[4]:
             return "period doubling", *half
     leaving = past.multipliers[0]
     turned = past.tangent[4] * last.tangent[4] <= 0.0
@@ -422,7 +430,12 @@ def _beyond(curve: Curve, kind: str, last: Place, past: Place) -> str:
     low, high, _unit = CONTROLS[curve.over]
     onward = curve.value(last.at) * (1.0 + math.copysign(2e-4, curve.outside - curve.inside))
     setting, rock = place_at(curve.setting, curve.rock, curve.over, min(max(onward, low), high))
-    return motion(setting, rock, curve.rig, curve.motion(last), patience=20_000).label
+    return motion(
+        setting,
+        rock,
+        curve.rig,
+        curve.motion(last),
+    ).label
 
 
 def _jump(over: str, way: str, first: Motion, second: Motion) -> Boundary:

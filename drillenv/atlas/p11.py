@@ -4,6 +4,9 @@ The paper leaves "the boundary of P-1-I-1 in (f, A, p)" to the future. Here it i
 wherever any start settles on P-1-I-1 the orbit is continued by Newton's method on the stroboscopic map to all
 neighbouring settings, from there to theirs, and so on. Where that ends the boundary is located on the edge between two
 grid points.
+
+With the linear rock law (n_l = n_u = 1) lengths and forces scale together, so that at a given frequency the motion
+depends on F_b / F_a alone: the boundary is a fan of straight lines p = A g(f). The atlas does not use this; it shows it.
 """
 
 from __future__ import annotations
@@ -127,7 +130,7 @@ class Edges(NamedTuple):
     there: np.ndarray
     axis: np.ndarray
     ends: np.ndarray
-    """(n, 5) how far as a share of the edge, the step that fails, what that step comes upon, its impacts and contacts"""
+    """(n, 5) as follow returns them, shares and steps in terms of the edge"""
     tangents: np.ndarray
     """(n, 4, 4) monodromy matrices of the last orbit on the way"""
 
@@ -168,8 +171,8 @@ def atlas(
         N, impact_speed in m/s, largest_multiplier (modulus; these four NaN where there is no P-1-I-1), label_fresh
         (period and impacts); and on boundary_point, boundary_rock (position on the rock axis), boundary_frequency,
         boundary_amplitude, boundary_pressure, boundary_kind (0 period doubling, 1 fold, 2 another impact or contact,
-        3 Neimark-Sacker), the multiplier nearest the unit circle, impacts and contacts of the orbit just beyond (0 where
-        it does not go on), and the axis along which the boundary was located, to 1e-6.
+        3 Neimark-Sacker), the multiplier nearest the unit circle, impacts and contacts of the orbit just beyond (0
+        where it does not go on), and the axis along which the boundary was located, to 1e-6.
 
     Raises:
         InputError: a value is of the wrong kind or outside its limits, Ray or its cluster is missing, or ``out``
@@ -177,7 +180,7 @@ def atlas(
     """
     grid = _grid(rocks, (frequency, amplitude, pressure), Rig() if rig is None else rig)
     starts, seed = count("starts", starts, 1, MOST_STARTS), count("seed", seed, 0, 2**53)
-    path = None if out is None else _writable(out)
+    path = None if out is None else writable(out)
     with tile_workers(cluster, workers) as mapper:
         labels, hits, orbits = _settle(grid, starts, seed, mapper, progress)
         edges = _spread(grid, orbits, mapper, progress)
@@ -489,19 +492,23 @@ def _bar(shown: bool, total: int | None, what: str, unit: str) -> Iterator[Calla
         yield bar.update
 
 
-def _writable(out: Any) -> Path:
-    """The path of a file that can be written."""
+def writable(out: Any, name: str = "out") -> Path:
+    """The path of a file that can be written.
+
+    Raises:
+        InputError: it is no path, a folder, or in a folder that is missing or cannot be written to.
+    """
     if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InputError(f"out is {shown(out)}: give the path of a NetCDF file to write")
-    path = Path(out)
+        raise InputError(f"{name} is {shown(out)}: give the path of a file to write")
+    path = Path(os.fsdecode(out))
     if path.is_dir():
-        raise InputError(f"out is {shown(str(path))}, a folder: give the path of a file in it, such as atlas.nc")
+        raise InputError(f"{name} is {shown(str(path))}, a folder: give the path of a file in it")
     try:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise InputError(
-            f"out is {shown(str(path))}: {shown(str(path.parent))} cannot be written to ({error.strerror}); "
+            f"{name} is {shown(str(path))}: {shown(str(path.parent))} cannot be written to ({error}); "
             "give a path in a folder that exists and is yours to write"
         ) from None
     return path

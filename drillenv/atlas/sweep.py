@@ -48,8 +48,8 @@ from drillenv.dynamics.flow import (
     set_plant,
 )
 from drillenv.dynamics.motion import Motion, checked_place, motion_of
-from drillenv.dynamics.orbits import MOTION_SIZE, PERIOD, SECTION, SECTION_REGIME, find_motion, put_on_section
-from drillenv.dynamics.survey import PATIENCE, SURVEY, WAIT, as_survey, labels
+from drillenv.dynamics.orbits import MOTION_SIZE, PERIOD, SECTION, SECTION_REGIME, put_on_section
+from drillenv.dynamics.survey import PATIENCE, SURVEY, WAIT, as_survey, labels, settle_on
 from drillenv.rig import AMPLITUDE_LIMITS, FREQUENCY_LIMITS, PRESSURE_LIMITS, Rig, Setting
 from drillenv.rocks import STIFFNESS_LIMITS, Rock
 
@@ -156,7 +156,7 @@ def follow(plant, stiffnesses, drives, state, wait, patience, out, tangents, pea
         if not ok:
             return i
         set_drive(drives[i, 0], drives[i, 1], drives[i, 2], model)
-        find_motion(model, state, wait, patience, out[i], tangents[i])
+        settle_on(model, state, wait, patience, out[i], tangents[i])
         period = int(out[i, PERIOD])
         if period > 0:
             put_on_section(out[i, SECTION : SECTION + 4], int(out[i, SECTION_REGIME]), state)

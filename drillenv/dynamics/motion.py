@@ -10,8 +10,8 @@ import numpy as np
 from drillenv.checks import InputError, count, number, shown
 from drillenv.dynamics.exact import STATE_SIZE, fresh_state
 from drillenv.dynamics.flow import FREE, LOADING, STIFFNESS, UNLOADING, make_model
-from drillenv.dynamics.orbits import MOTION_SIZE, find_motion, map_point, put_on_section, section_distance
-from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, survey
+from drillenv.dynamics.orbits import MOTION_SIZE, map_point, put_on_section, section_distance
+from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, settle_on, survey
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 from drillenv.rocks import rock as rock_meant
@@ -86,7 +86,8 @@ def motion(
         start: Where to start: None for the rig at rest against untouched rock; a Motion, to go on from where it
             crosses the phase 0; or (4,) y in m, V1 and V2 in m/s, and the indenter's place in m from Xf, at phase 0.
         wait: Excitation periods to run before the first look, 1 to 1e6.
-        patience: Excitation periods after which what has no orbit yet counts as not periodic, 1 to 1e8.
+        patience: Excitation periods after which what has no orbit yet counts as not periodic, 1 to 1e8; eight times
+            as many where the exponent is then too weak to tell.
 
     Raises:
         InputError: an argument of the wrong kind or outside its limits, or a rig and rock that the exact engine cannot
@@ -101,7 +102,7 @@ def motion(
         put_on_section(*_start_point(start), state)
     out, tangent = np.zeros((1, MOTION_SIZE)), np.zeros((1, 4, 4))
     wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
-    find_motion(model, state, wait, patience, out[0], tangent[0])
+    settle_on(model, state, wait, patience, out[0], tangent[0])
     return motion_of(as_survey(out, tangent, np.array([2 * math.pi * setting.frequency]))[0], setting, chosen, rig)
 
 

@@ -22,6 +22,7 @@ from drillenv.dynamics.exact import (
     TALLY_SIZE,
     THETA,
     TURN,
+    Y,
     advance,
     advance_period,
     advance_tangent,
@@ -32,6 +33,9 @@ from drillenv.dynamics.flow import AMPLITUDE, FREE, INLINE, KERNEL, M2, OMEGA, S
 
 LONGEST_PERIOD = 32
 """The longest period looked for, in excitation periods."""
+
+KICK = 1e-3
+"""How far, in length scales, a run is pushed off an unstable orbit that it sits on."""
 
 # What find_motion writes: period (0 where none is found), impacts and contacts a motion, penetration in m a motion, the
 # largest force in N, the largest speed at contact in m/s, the largest Lyapunov exponent in 1/s (chaotic only), stable
@@ -264,8 +268,10 @@ def find_motion(model: np.ndarray, state: np.ndarray, wait: int, patience: int, 
                 nearest = near
                 point = track[0].copy()
                 tried += 1
-                if find_orbit(model, point, regime, n, tangent) and contracts(tangent):
-                    off = section_distance(model, point, track[0])
+                if not find_orbit(model, point, regime, n, tangent):
+                    continue
+                off = section_distance(model, point, track[0])
+                if contracts(tangent):
                     later = LONGEST_PERIOD - LONGEST_PERIOD % n
                     if off < 1e-9 or (off < 0.2 and section_distance(model, point, track[later]) < off):
                         period = shortest_period(model, point, regime, n)
@@ -275,6 +281,9 @@ def find_motion(model: np.ndarray, state: np.ndarray, wait: int, patience: int, 
                         out[EXPONENT] = 0.0
                         out[STABLE] = 1.0
                         return
+                elif off < KICK:
+                    # the run lingers on an orbit that has lost its stability, as on a sweep past a period doubling
+                    state[Y] += KICK * length_scale(model)
                 if tried == 4:
                     break
         target = done

@@ -53,6 +53,9 @@ from drillenv.rocks import rock as rock_meant
 
 WAIT, PATIENCE = 64, 4000
 """Excitation periods that a start runs before the first look at it, and altogether before it counts as not periodic."""
+LINGERING, MORE_PATIENCE = 0.02, 8
+"""An exponent below so much an excitation period is weak for chaos: the rig may linger near an orbit that has just become
+unstable, or close in on one slowly. It is then given so many times the patience."""
 CHUNK = 16
 """Pairs of a setting and a start that a thread takes at a time."""
 START_SIZE = 5
@@ -107,6 +110,14 @@ def place_start(model: np.ndarray, unit: np.ndarray, state: np.ndarray):
 
 
 @njit(**KERNEL)
+def settle_on(model: np.ndarray, state: np.ndarray, wait: int, patience: int, out: np.ndarray, tangent: np.ndarray):
+    """As ``find_motion``, with more patience where what was found is neither periodic nor clearly chaotic."""
+    find_motion(model, state, wait, patience, out, tangent)
+    if out[PERIOD] == 0.0 and out[EXPONENT] * TURN < LINGERING * model[0, OMEGA]:
+        find_motion(model, state, wait, MORE_PATIENCE * patience, out, tangent)
+
+
+@njit(**KERNEL)
 def find_motions(plants, which, drives, starts, wait, patience, first, out, tangents):
     """The motions of pairs ``first`` to ``first + len(out)``, setting by setting and start by start.
 
@@ -123,7 +134,7 @@ def find_motions(plants, which, drives, starts, wait, patience, first, out, tang
             fresh_state(model, 0.0, state)
         else:
             place_start(model, starts[start], state)
-        find_motion(model, state, wait, patience, out[i], tangents[i])
+        settle_on(model, state, wait, patience, out[i], tangents[i])
 
 
 def random_starts(number: int, seed: int) -> np.ndarray:
@@ -154,7 +165,8 @@ def survey(
         starts: "fresh", the rig at rest against untouched rock, or a number m from 1 to 10000: the fresh start and
             m - 1 random ones, at the same places of the box at each setting.
         seed: Of the random starts.
-        wait, patience: Excitation periods to run before the first look for an orbit, and to give up after.
+        wait, patience: Excitation periods to run before the first look for an orbit, and to give up after; eight
+            times as many where the exponent is then too weak to tell.
         threads: Number of threads, by default as many as cores are allowed.
         progress: Called now and then with the number of motions found since the last call.
 

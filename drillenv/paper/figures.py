@@ -108,7 +108,7 @@ def figure_3_2(frequency: Sweep) -> Any:
     whole.legend(fontsize=8, markerscale=3, frameon=False)
     _diagram(near, frequency, "frequency [Hz]", 90, 110)
     near.set_ylabel("")
-    shown = (50, 70, 85, 95.2, 99, 103.2, 106, 115)
+    shown = (50, 70, 85, 98.4, 100, 103.31, 106, 115)
     for panel, value in zip(below.subplots(2, 4).flat, shown, strict=True):
         setting = Setting(value, 0.45, 1.0)
         found = motion(setting, 4)
@@ -149,7 +149,7 @@ def figure_4_4(_frequency: Sweep) -> Any:
     top, below = figure.subfigures(2, 1, height_ratios=(3, 9))
     panel = top.subplots()
     path = sweep(SETTING_4_4, "stiffness", 10e6, 35e6, 0.1e6, rock=4)
-    _diagram(panel, path, "loading stiffness k_l [N/m], with k_u/k_l of case 4; squares: the six rocks")
+    _diagram(panel, path, "loading stiffness k_l [N/m], k_u/k_l as in case 4; squares: the six rocks")
     order = sorted(ROCKS, key=lambda case: ROCKS[case].loading_stiffness)
     panels = below.subplots(6, 2, width_ratios=(2.2, 1))
     for (left, right), case in zip(panels, order, strict=True):

@@ -1,7 +1,7 @@
 """What the paper publishes of the rig's motions, as data: single settings, boundaries, orders and one force.
 
-Labels count impacts as force peaks. "period two" is any P-2-I-m; "multiple impacts" stands for Fig. 4.3 at 1.8 bar, where
-the paper gives no number.
+Labels count impacts as force peaks. "period two" is any P-2-I-m; "multiple impacts" stands for Fig. 4.3 at 1.8 bar,
+where the paper gives no number.
 """
 
 from __future__ import annotations
