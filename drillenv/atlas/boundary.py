@@ -37,7 +37,9 @@ CLOSED = 1e-11
 """An orbit has been found when it comes back to within this many length scales."""
 HALVED, NEARLY_HALVED = 1e-7, 1e-3
 """A second half closer to the first than this many length scales is the same: the orbit is one of half the period. One
-that ends this near to it is about to be, and the value then lies about the square of this away, in swept ranges."""
+that ends this near to it, and this near in the swept range to where that one changes its stability, closes on it."""
+ON_CIRCLE = 0.99
+"""A multiplier that is not this large on the last orbit did not end it: then the multipliers jumped, in a grazing."""
 JUMP_TOLERANCE = 1e-6
 """Share of the value to which a jump is located by runs."""
 
@@ -49,9 +51,10 @@ class Boundary:
     kind: str
     """What ends it. "period doubling": a multiplier passes -1, or a motion of twice the period closes on the one of
     half its length. "fold": a multiplier reaches +1, where the orbit turns back together with an unstable one.
-    "grazing": the orbit goes on, but with another number of impacts, one of them beginning or ending with speed or
-    force zero. "Neimark-Sacker": a pair of multipliers leaves the unit circle. "jump": the rig went over to another
-    motion although no orbit ended there, or from one that has no orbit to follow; then the value comes from runs."""
+    "grazing": an impact comes or goes, with force zero. There the derivative of the map jumps, since a touch, however
+    light, moves Xf by its depth times 1 - k_l / k_u, so that the orbit goes on with other multipliers, or is unstable
+    or turns back at once. "Neimark-Sacker": a pair of multipliers leaves the unit circle. "jump": the rig went over to
+    another motion although no orbit ended there, or from one that has no orbit; then the value comes from runs."""
     over: str
     """What was swept: frequency (Hz), amplitude (V), pressure (bar) or stiffness (k_l in N/m)."""
     value: float
@@ -268,7 +271,7 @@ class Curve:
             multipliers = place.multipliers
             real = np.real(multipliers[np.abs(np.imag(multipliers)) < 1e-9])
             above = float(real[np.argmin(np.abs(real + 1.0))]) + 1.0 if real.size else math.nan
-            if abs(above) < 1e-12:
+            if abs(above) < 1e-10:  # rounding of a long orbit
                 return half.value(place.at), place.monodromy
             change = 1e-5 if earlier is None else -above * (here - earlier[0]) / (above - earlier[1])
             if not abs(change) < LONGEST_STEP:
@@ -412,15 +415,15 @@ def _kind(curve: Curve, last: Place, past: Place) -> tuple[str, float, np.ndarra
     value = curve.value(last.at)
     if np.abs(last.swing).max() < NEARLY_HALVED and curve.period % 2 == 0:
         half = curve.halved(last)
-        if half is not None and abs(half[0] - value) < NEARLY_HALVED**2 * curve.scales[4]:
+        if half is not None and abs(half[0] - value) < NEARLY_HALVED * curve.scales[4]:
             return "period doubling", *half
-    leaving = past.multipliers[0]
+    largest = last.multipliers[0]
     turned = past.tangent[4] * last.tangent[4] <= 0.0
-    if turned or (abs(leaving) >= 1.0 and abs(leaving.imag) < 1e-9 and leaving.real > 0.0):
-        return "fold", value, last.monodromy
-    if abs(leaving) < 1.0:
+    if abs(largest) < ON_CIRCLE or (past.stable and not turned):
         return "grazing", value, last.monodromy
-    return ("period doubling" if abs(leaving.imag) < 1e-9 else "Neimark-Sacker"), value, last.monodromy
+    if abs(largest.imag) > 1e-9:
+        return "Neimark-Sacker", value, last.monodromy
+    return ("fold" if largest.real > 0.0 else "period doubling"), value, last.monodromy
 
 
 def _beyond(curve: Curve, kind: str, last: Place, past: Place) -> str:

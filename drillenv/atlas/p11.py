@@ -6,7 +6,7 @@ neighbouring settings, from there to theirs, and so on. Where that ends the boun
 grid points.
 
 With the linear rock law (n_l = n_u = 1) lengths and forces scale together, so that at a given frequency the motion
-depends on F_b / F_a alone: the boundary is a fan of straight lines p = A g(f). The atlas does not use this; it shows it.
+depends on F_b / F_a alone: the boundary is a fan of straight lines p = A g(f). The atlas does not use it but shows it.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drillenv.atlas.p11 import FOLD, GRAZING, NEIMARK_SACKER, PERIOD_DOUBLING, writable
+from drillenv.atlas.p11 import AXES, FOLD, GRAZING, NEIMARK_SACKER, PERIOD_DOUBLING, writable
 from drillenv.checks import InputError, shown
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _slices(dataset: xarray.Dataset) -> Figure:
     """A row for each rock, a column for each of a few pressures: penetration rate over frequency and amplitude."""
     from matplotlib.patches import Patch
 
-    frequency, amplitude, pressure = (dataset[axis].values for axis in ("frequency", "amplitude", "pressure"))
+    frequency, amplitude, pressure = (dataset[axis].values for axis in AXES)
     columns = np.unique(np.linspace(0, pressure.size - 1, SLICES).round().astype(int))
     rows = dataset.sizes["rock"]
     figure = _figure(figsize=(2.6 * columns.size + 1.4, 1.9 * rows + 1.2), layout="constrained")
@@ -166,8 +166,9 @@ def _slices(dataset: xarray.Dataset) -> Figure:
         figure.colorbar(mesh, ax=grid, label="penetration rate on P-1-I-1 [mm/s]", shrink=0.7, aspect=40)
     grid[0, 0].legend(
         handles=[Patch(facecolor="white", edgecolor="red", hatch="//////", label="other motions too")],
-        loc="upper left",
+        loc="lower left",
         fontsize=7,
+        framealpha=1.0,
     )
     _legend(figure, names, 5, loc="outside lower center")
     figure.suptitle("Where P-1-I-1 exists, and how fast it drills")
@@ -183,17 +184,15 @@ def _surface(dataset: xarray.Dataset) -> Figure:
         axes: Any = figure.add_subplot(rows, columns, rock + 1, projection="3d")
         for name, (colour, _marker) in ENDS.items():
             which = (dataset["boundary_rock"].values == rock) & (names == name)
-            points = (dataset[f"boundary_{axis}"].values[which] for axis in ("frequency", "amplitude", "pressure"))
-            axes.scatter(*points, s=4, color=colour, linewidths=0, alpha=0.85, depthshade=True)
+            points = np.stack([dataset[f"boundary_{axis}"].values[which] for axis in AXES])
+            axes.scatter(*points, s=3, color=colour, linewidths=0, depthshade=False)
+            for ray in _rays(points):
+                axes.plot(*ray, color=colour, linewidth=1.0, alpha=0.6)
         axes.set_xlabel("frequency [Hz]")
         axes.set_ylabel("amplitude [V]")
         axes.set_zlabel("pressure [bar]")
-        for axis in ("frequency", "amplitude", "pressure"):
-            values = dataset[axis].values
-            if values.size > 1:
-                getattr(axes, {"frequency": "set_xlim", "amplitude": "set_ylim", "pressure": "set_zlim"}[axis])(
-                    values[0], values[-1]
-                )
+        for axis, limit in zip(AXES, (axes.set_xlim, axes.set_ylim, axes.set_zlim), strict=True):
+            limit(*_cells(dataset[axis].values)[[0, -1]])
         axes.set_title(_title(dataset, rock))
         axes.view_init(elev=22, azim=-128)
         axes.set_box_aspect((1, 1, 0.85), zoom=0.88)
@@ -203,22 +202,38 @@ def _surface(dataset: xarray.Dataset) -> Figure:
     return figure
 
 
+def _rays(points: np.ndarray) -> list[np.ndarray]:
+    """Boundary points (3, n) joined into the straight lines p = A g(f) on which they lie, one for each frequency and g."""
+    frequency, ratio = points[0], points[2] / points[1]
+    order = np.lexsort((ratio, frequency))
+    breaks = (np.diff(frequency[order]) != 0) | (np.diff(ratio[order]) > 1e-4 * ratio[order][1:])
+    groups = np.split(order, np.flatnonzero(breaks) + 1)
+    return [points[:, group[np.argsort(points[1, group])]] for group in groups if group.size > 1]
+
+
 def _ratio(dataset: xarray.Dataset) -> Figure:
     """Grid and boundary over frequency and p / A, on which alone the motion depends with the linear rock law."""
     rows, columns = _panels(dataset.sizes["rock"])
     figure = _figure(figsize=(3.9 * columns, 3.0 * rows + 0.9), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     names = _ends(dataset)
-    settings = np.meshgrid(*(dataset[axis].values for axis in ("frequency", "amplitude", "pressure")), indexing="ij")
+    settings = np.meshgrid(*(dataset[axis].values for axis in AXES), indexing="ij")
     for rock in range(dataset.sizes["rock"]):
         axes = grid.flat[rock]
         inside = dataset["exists"].values[rock]
-        axes.plot(settings[0][inside], (settings[2] / settings[1])[inside], ",", color="#bbbbbb")
+        axes.plot(
+            settings[0][inside],
+            (settings[2] / settings[1])[inside],
+            ".",
+            color="#cccccc",
+            markersize=2.0,
+            markeredgewidth=0,
+        )
         for name, (colour, marker) in ENDS.items():
             which = (dataset["boundary_rock"].values == rock) & (names == name)
             frequency = dataset["boundary_frequency"].values[which]
             ratio = (dataset["boundary_pressure"].values / dataset["boundary_amplitude"].values)[which]
-            axes.plot(frequency, ratio, marker, color=colour, markersize=2.2, markeredgewidth=0)
+            axes.plot(frequency, ratio, marker, color=colour, markersize=3.0, markeredgewidth=0)
         axes.set_title(_title(dataset, rock))
     for axes in grid.flat[dataset.sizes["rock"] :]:
         axes.set_axis_off()

@@ -54,8 +54,8 @@ from drillenv.rocks import rock as rock_meant
 WAIT, PATIENCE = 64, 4000
 """Excitation periods that a start runs before the first look at it, and altogether before it counts as not periodic."""
 LINGERING, MORE_PATIENCE = 0.02, 8
-"""An exponent below so much an excitation period is weak for chaos: the rig may linger near an orbit that has just become
-unstable, or close in on one slowly. It is then given so many times the patience."""
+"""An exponent below so much an excitation period is weak for chaos: the rig may linger near an orbit that has just
+become unstable, or close in on one slowly. It is then given so many times the patience."""
 CHUNK = 16
 """Pairs of a setting and a start that a thread takes at a time."""
 START_SIZE = 5

@@ -35,6 +35,9 @@ class BoundaryRow(NamedTuple):
     """Where the motion that is followed is at home."""
     outside: float
     """The value to follow it towards."""
+    swept: bool = False
+    """Whether the motion is met on the sweep from ``inside`` to ``outside`` only, since a start from rest near the
+    boundary leads elsewhere: then the boundary is that at which the sweep comes to the motion ``after``."""
 
 
 BOTH, MEASURED, SIMULATED = "simulated and measured", "measured", "simulated"
@@ -61,7 +64,7 @@ BOUNDARIES = (
     BoundaryRow("3.2", 4, "frequency", 94.7, "P-1-I-2", "P-2-I-4", Setting(90, 0.45, 1.0), 100.0),
     BoundaryRow("3.2", 4, "frequency", 98.6, "P-2-I-4", "P-2-I-3", Setting(100, 0.45, 1.0), 96.0),
     BoundaryRow("3.2", 4, "frequency", 102.0, "P-2-I-3", "P-4-I-6", Setting(100, 0.45, 1.0), 105.0),
-    BoundaryRow("3.2", 4, "frequency", 109.8, "chaotic", "P-1-I-1", Setting(115, 0.45, 1.0), 105.0),
+    BoundaryRow("3.2", 4, "frequency", 109.8, "chaotic", "P-1-I-1", Setting(108.5, 0.45, 1.0), 110.5, swept=True),
     BoundaryRow("4.2", 2, "amplitude", 0.3955, "P-1-I-2", "P-1-I-1", Setting(120, 0.45, 1.0), 0.30),
     BoundaryRow("4.3", 4, "pressure", 0.63, "P-1-I-1", "period two", Setting(90, 0.45, 0.6), 1.0),
     BoundaryRow("4.3", 4, "pressure", 0.72, "period two", "P-1-I-2", Setting(90, 0.45, 1.0), 0.6),

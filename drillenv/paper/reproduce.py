@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drillenv.atlas.boundary import boundary
+from drillenv.atlas.boundary import boundaries, boundary
 from drillenv.atlas.sweep import Sweep, sweep
 from drillenv.checks import InputError
 from drillenv.dynamics.motion import Motion, motion, motions
@@ -113,7 +113,12 @@ def motion_row(published: MotionRow) -> Row:
 
 def boundary_row(line: BoundaryRow) -> Row:
     """A published boundary beside the value at which the followed orbit ends."""
-    found = boundary(line.inside, line.over, getattr(line.inside, line.over), line.outside, rock=line.rock)
+    begin = getattr(line.inside, line.over)
+    if line.swept:
+        swept = sweep(line.inside, line.over, begin, line.outside, _last_digit(line), rock=line.rock, direction="up")
+        found = next(end for end in boundaries(swept) if end.beyond == line.after)
+    else:
+        found = boundary(line.inside, line.over, begin, line.outside, rock=line.rock)
     return {
         "figure": line.figure,
         "kind": "boundary",
