@@ -333,7 +333,8 @@ def _motion_numbers(motion: Motion) -> dict[str, Any]:
     names = ("label", "period", "impacts", "contacts", "penetration_rate", "peak_force", "impact_speed", "stable")
     return {
         **{name: getattr(motion, name) for name in names},
-        "multipliers": [[value.real, value.imag] for value in motion.multipliers.tolist()],
+        # without a period there are none
+        "multipliers": [[value.real, value.imag] for value in motion.multipliers.tolist() if motion.period],
         "exponent": motion.exponent,
     }
 
@@ -458,6 +459,8 @@ def _axes(points: Sequence[int] | None) -> dict[str, Any]:
 
 
 def _paper(given: argparse.Namespace) -> None:
+    if not given.out.strip():
+        raise InputError("--out is empty: give the name of a folder")
     folder = Path(given.out)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out is {shown(given.out)}, which is a file: give the name of a folder")
@@ -475,13 +478,37 @@ def _paper(given: argparse.Namespace) -> None:
     if given.json:
         _print_json(rows)
         return
+    print(_columns("figure", "setting", "published", "computed", ""))
     for row in rows:
-        agrees = "agrees" if row["agrees"] else "differs"
-        print(f"{row['figure']!s:>5}  {row['setting']!s:<42} published {row['published']!s:<22} ", end="")
-        print(f"computed {row['computed']!s:<22} {agrees}")
-    print(
-        f"{sum(bool(row['agrees']) for row in rows)} of {len(rows)} agree; wrote published.json and figures to {folder}"
-    )
+        print(_paper_line(row))
+    agreeing = sum(bool(row["agrees"]) for row in rows)
+    print(f"{agreeing} of {len(rows)} agree; wrote published.json and the figures to {folder}")
+
+
+def _paper_line(row: Mapping[str, Any]) -> str:
+    """One row of published.json on one line."""
+    verdict = "agrees" if row["agrees"] else "differs"
+    if isinstance(row.get("difference"), float):
+        verdict += f", {row['difference']:+.4g}"
+    where = _briefly(row["setting"])
+    if "rock" in row:
+        where = f"rock {row['rock']}, {where}"
+    return _columns(row["figure"], where, _briefly(row["published"]), _briefly(row["computed"]), verdict)
+
+
+def _columns(figure: str, setting: str, published: str, computed: str, verdict: str) -> str:
+    return f"{figure:<6}  {setting:<30}  {published:<34}  {computed:<34}  {verdict}".rstrip()
+
+
+def _briefly(value: object) -> str:
+    """A value of published.json in at most 34 characters."""
+    if isinstance(value, Mapping):
+        text = ", ".join(f"{part:g} {SWEPT[name]}" if name in SWEPT else str(part) for name, part in value.items())
+    elif isinstance(value, list | tuple):
+        text = ", ".join(_briefly(part).removesuffix(".0") for part in value)
+    else:
+        text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 34 else f"{text[:31]}..."
 
 
 def _make_folder(folder: Path) -> list[Path]:

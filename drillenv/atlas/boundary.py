@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drillenv.atlas.sweep import CONTROLS, DIRECTIONS, Sweep, place_at, value_of
+from drillenv.atlas.sweep import CONTROLS, DIRECTIONS, SLIPS, Sweep, place_at, value_of
 from drillenv.checks import InputError, choice, number, shown
 from drillenv.dynamics.flow import OMEGA, UNLOADING, make_model
 from drillenv.dynamics.motion import Motion, checked_place, motion, motion_of, point_from_xf
@@ -51,10 +51,11 @@ class Boundary:
     kind: str
     """What ends it. "period doubling": a multiplier passes -1, or a motion of twice the period closes on the one of
     half its length. "fold": a multiplier reaches +1, where the orbit turns back together with an unstable one.
-    "grazing": an impact comes or goes, with force zero. There the derivative of the map jumps, since a touch, however
-    light, moves Xf by its depth times 1 - k_l / k_u, so that the orbit goes on with other multipliers, or is unstable
-    or turns back at once. "Neimark-Sacker": a pair of multipliers leaves the unit circle. "jump": the rig went over to
-    another motion although no orbit ended there, or from one that has no orbit; then the value comes from runs."""
+    "grazing": an impact comes or goes, either a turn within a contact or a contact of its own that begins and ends as a
+    touch. At a touch the derivative of the map jumps, since one, however light, moves Xf by its depth times
+    1 - k_l / k_u; so the orbit goes on with other multipliers, or is unstable or turns back at once. "Neimark-Sacker":
+    a pair of multipliers leaves the unit circle. "jump": the rig went over to another motion although no orbit ended
+    there, or from one that has no orbit; then the value comes from runs."""
     over: str
     """What was swept: frequency (Hz), amplitude (V), pressure (bar) or stiffness (k_l in N/m)."""
     value: float
@@ -321,7 +322,8 @@ def boundary(
     setting, chosen, rig = checked_place(setting, rock, rig)
     over = choice("over", over, tuple(CONTROLS))
     low, high, unit = CONTROLS[over]
-    inside, outside = number("inside", inside, low, high, unit), number("outside", outside, low, high, unit)
+    inside = number("inside", inside, low, high, unit, SLIPS[over])
+    outside = number("outside", outside, low, high, unit, SLIPS[over])
     if inside == outside:
         raise InputError(f"inside and outside are both {inside:g} {unit}: give two values")
     here, pair = place_at(setting, chosen, over, inside)

@@ -12,7 +12,6 @@ depends on F_b / F_a alone: the boundary is a fan of straight lines p = A g(f). 
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
@@ -33,6 +32,7 @@ from drillenv.atlas.tiles import Mapper, tile_workers
 from drillenv.checks import InputError, count, shown
 from drillenv.dynamics.flow import make_model
 from drillenv.dynamics.orbits import ADVANCE, M_FORCE, M_SPEED, MOTION_SIZE
+from drillenv.files import check_writable, whole
 from drillenv.rig import AMPLITUDE_RANGE, FREQUENCY_RANGE, PRESSURE_RANGE, Rig, Setting
 from drillenv.rocks import ROCKS, Rock
 from drillenv.rocks import rock as rock_of
@@ -137,9 +137,9 @@ class Edges(NamedTuple):
 
 def atlas(
     rocks: Any = "all",
-    frequency: Iterable[float] = FREQUENCIES,
-    amplitude: Iterable[float] = AMPLITUDES,
-    pressure: Iterable[float] = PRESSURES,
+    frequency: float | Iterable[float] = FREQUENCIES,
+    amplitude: float | Iterable[float] = AMPLITUDES,
+    pressure: float | Iterable[float] = PRESSURES,
     starts: int = 12,
     seed: int = 0,
     rig: Rig | None = None,
@@ -156,7 +156,7 @@ def atlas(
 
     Args:
         rocks: "all", or one or a list of what :func:`drillenv.rocks.rock` takes.
-        frequency, amplitude, pressure: Increasing values in Hz, V and bar; by default the box of Table 2.1.
+        frequency, amplitude, pressure: Increasing values, or one, in Hz, V and bar; by default the box of Table 2.1.
         starts: Random starts at each point, beside the fresh one (1 to 10,000). They are drawn as
             :func:`drillenv.atlas.p11_kernels.random_start` says.
         seed: Of the random starts, 0 or larger. What a point draws depends on the seed and the point's place alone.
@@ -180,14 +180,19 @@ def atlas(
     """
     grid = _grid(rocks, (frequency, amplitude, pressure), Rig() if rig is None else rig)
     starts, seed = count("starts", starts, 1, MOST_STARTS), count("seed", seed, 0, 2**53)
-    path = None if out is None else writable(out)
+    if out is not None:
+        check_writable(out)
     with tile_workers(cluster, workers) as mapper:
         labels, hits, orbits = _settle(grid, starts, seed, mapper, progress)
         edges = _spread(grid, orbits, mapper, progress)
     dataset = _dataset(grid, labels, hits / (1.0 + starts), orbits, edges)
     dataset.attrs |= _origin(grid, Rig() if rig is None else rig, starts, seed)
-    if path is not None:
-        _write(dataset, path)
+    if out is not None:
+        with whole(out) as file:
+            packed = {"zlib": True, "complevel": 5, "shuffle": True}
+            # nothing packs an empty array
+            encoding = {name: packed for name, column in dataset.data_vars.items() if column.size}
+            dataset.to_netcdf(file, engine="h5netcdf", encoding=encoding)
     return dataset
 
 
@@ -393,8 +398,8 @@ def _kinds(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
     critical = np.real(critical) + 1j * np.abs(np.imag(critical))
     kinds = np.where(np.real(critical) < 0, PERIOD_DOUBLING, FOLD)
     kinds[np.imag(critical) > 0] = NEIMARK_SACKER
-    # an orbit that goes on with another label has not reached the unit circle
-    kinds[(edges.ends[:, 2] == ANOTHER_LABEL) & (np.abs(np.abs(critical) - 1.0) > 1e-3)] = GRAZING
+    # an orbit that goes on, with another label, has not reached the unit circle
+    kinds[edges.ends[:, 2] == ANOTHER_LABEL] = GRAZING
     return kinds, critical
 
 
@@ -490,41 +495,3 @@ def _bar(shown: bool, total: int | None, what: str, unit: str) -> Iterator[Calla
 
     with tqdm(total=total, desc=what, unit=unit, disable=not shown) as bar:
         yield bar.update
-
-
-def writable(out: Any, name: str = "out") -> Path:
-    """The path of a file that can be written.
-
-    Raises:
-        InputError: it is no path, a folder, or in a folder that is missing or cannot be written to.
-    """
-    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InputError(f"{name} is {shown(out)}: give the path of a file to write")
-    path = Path(os.fsdecode(out))
-    if path.is_dir():
-        raise InputError(f"{name} is {shown(str(path))}, a folder: give the path of a file in it")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{name} is {shown(str(path))}: {shown(str(path.parent))} cannot be written to ({error}); "
-            "give a path in a folder that exists and is yours to write"
-        ) from None
-    return path
-
-
-def _write(dataset: xarray.Dataset, path: Path) -> None:
-    """Write NetCDF, whole or not at all."""
-    packed = {name: {"zlib": True, "complevel": 5, "shuffle": True} for name in dataset.data_vars if dataset[name].size}
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-    os.close(handle)
-    try:
-        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=packed)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drillenv.atlas.p11 import AXES, FOLD, GRAZING, NEIMARK_SACKER, PERIOD_DOUBLING, writable
+from drillenv.atlas.p11 import AXES, FOLD, GRAZING, NEIMARK_SACKER, PERIOD_DOUBLING
 from drillenv.checks import InputError, shown
+from drillenv.files import check_writable, whole
 
 if TYPE_CHECKING:
     import xarray
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 FORMATS = (".png", ".pdf", ".svg")
 SLICES = 4
 """Pressures shown for each rock."""
+
+RATE_STEP = 0.1
+"""Between contours of the penetration rate, in mm/s."""
+COEXISTENCE: dict[str, Any] = {"facecolor": "none", "edgecolor": "red", "hatch": "//////", "linewidth": 0.0}
 
 # How P-1-I-1 ends, as the pictures tell it apart: name, colour (told apart by any eye), marker.
 ENDS = {
@@ -45,7 +50,8 @@ def plot_atlas(dataset: xarray.Dataset, path: str | os.PathLike) -> list[Path]:
     """
     import matplotlib as mpl
 
-    target = writable(path, "path")
+    check_writable(path)
+    target = Path(path)
     if target.suffix not in FORMATS:
         raise InputError(f"path is {shown(str(target))}: give a file name that ends in {', '.join(FORMATS)}")
     written = []
@@ -54,19 +60,10 @@ def plot_atlas(dataset: xarray.Dataset, path: str | os.PathLike) -> list[Path]:
     ):
         for addition, draw in (("", _slices), ("_surface", _surface), ("_ratio", _ratio)):
             file = target.with_name(f"{target.stem}{addition}{target.suffix}")
-            _save(draw(dataset), file)
+            with whole(file) as name:
+                draw(dataset).savefig(name, bbox_inches="tight")
             written.append(file)
     return written
-
-
-def _save(figure: Figure, file: Path) -> None:
-    """Write a picture, whole or not at all."""
-    temporary = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
-    try:
-        figure.savefig(temporary, bbox_inches="tight")
-        os.replace(temporary, file)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _figure(**kwargs: Any) -> Figure:
@@ -120,7 +117,7 @@ def _cells(values: np.ndarray) -> np.ndarray:
 
 def _slices(dataset: xarray.Dataset) -> Figure:
     """A row for each rock, a column for each of a few pressures: penetration rate over frequency and amplitude."""
-    from matplotlib.patches import Patch
+    from matplotlib.patches import Patch, Rectangle
 
     frequency, amplitude, pressure = (dataset[axis].values for axis in AXES)
     columns = np.unique(np.linspace(0, pressure.size - 1, SLICES).round().astype(int))
@@ -129,32 +126,26 @@ def _slices(dataset: xarray.Dataset) -> Figure:
     grid = figure.subplots(rows, columns.size, sharex=True, sharey=True, squeeze=False)
     rate = 1e3 * dataset["penetration_rate"].values
     top = np.nanmax(rate) if np.isfinite(rate).any() else 1.0
-    levels = np.linspace(0.0, top, 9)[1:-1]
+    levels = np.arange(RATE_STEP, top, RATE_STEP)
     names, mesh = _ends(dataset), None
+    x, y = _cells(frequency), _cells(amplitude)
     for row in range(rows):
         for column, k in enumerate(columns):
             axes = grid[row, column]
             values = np.ma.masked_invalid(rate[row, :, :, k].T)
-            mesh = axes.pcolormesh(_cells(frequency), _cells(amplitude), values, vmin=0.0, vmax=top, cmap="viridis")
+            mesh = axes.pcolormesh(x, y, values, vmin=0.0, vmax=top, cmap="viridis")
             if min(values.shape) > 1 and values.count():
-                axes.contour(frequency, amplitude, values, levels=levels, colors="white", linewidths=0.6)
+                lines = axes.contour(frequency, amplitude, values, levels=levels, colors="white", linewidths=0.6)
+                axes.clabel(lines, fmt="%.1f", fontsize=6)
             shared = (dataset["exists"].values & ~dataset["only"].values)[row, :, :, k].T
-            axes.pcolor(
-                _cells(frequency),
-                _cells(amplitude),
-                np.ma.masked_equal(shared.astype(float), 0.0),
-                hatch="//////",
-                facecolor="none",
-                edgecolor="red",
-                alpha=0.0,
-                linewidth=0.0,
-            )
+            for i, j in zip(*np.nonzero(shared), strict=True):
+                axes.add_patch(Rectangle((x[j], y[i]), x[j + 1] - x[j], y[i + 1] - y[i], **COEXISTENCE))
             here = (dataset["boundary_rock"].values == row) & (dataset["boundary_axis"].values != 2)
             here &= np.isclose(dataset["boundary_pressure"].values, pressure[k], rtol=1e-12)
             for name, (colour, marker) in ENDS.items():
                 which = here & (names == name)
-                x, y = dataset["boundary_frequency"].values[which], dataset["boundary_amplitude"].values[which]
-                axes.plot(x, y, marker, color=colour, markersize=2.6, markeredgewidth=0.0)
+                along, across = dataset["boundary_frequency"].values[which], dataset["boundary_amplitude"].values[which]
+                axes.plot(along, across, marker, color=colour, markersize=2.6, markeredgewidth=0.0)
             axes.set_xlim(frequency[0] - 1e-9, frequency[-1] + 1e-9)
             axes.set_ylim(amplitude[0] - 1e-9, amplitude[-1] + 1e-9)
             if row == 0:
@@ -165,7 +156,7 @@ def _slices(dataset: xarray.Dataset) -> Figure:
     if mesh is not None:
         figure.colorbar(mesh, ax=grid, label="penetration rate on P-1-I-1 [mm/s]", shrink=0.7, aspect=40)
     grid[0, 0].legend(
-        handles=[Patch(facecolor="white", edgecolor="red", hatch="//////", label="other motions too")],
+        handles=[Patch(label="other motions too", **COEXISTENCE)],
         loc="lower left",
         fontsize=7,
         framealpha=1.0,
@@ -185,25 +176,25 @@ def _surface(dataset: xarray.Dataset) -> Figure:
         for name, (colour, _marker) in ENDS.items():
             which = (dataset["boundary_rock"].values == rock) & (names == name)
             points = np.stack([dataset[f"boundary_{axis}"].values[which] for axis in AXES])
-            axes.scatter(*points, s=3, color=colour, linewidths=0, depthshade=False)
+            axes.scatter(*points, s=2, color=colour, linewidths=0, depthshade=False)
             for ray in _rays(points):
-                axes.plot(*ray, color=colour, linewidth=1.0, alpha=0.6)
+                axes.plot(*ray, color=colour, linewidth=0.8, alpha=0.6)
         axes.set_xlabel("frequency [Hz]")
         axes.set_ylabel("amplitude [V]")
         axes.set_zlabel("pressure [bar]")
         for axis, limit in zip(AXES, (axes.set_xlim, axes.set_ylim, axes.set_zlim), strict=True):
             limit(*_cells(dataset[axis].values)[[0, -1]])
-        axes.set_title(_title(dataset, rock))
+        axes.set_title(_title(dataset, rock), y=0.98)
         axes.view_init(elev=22, azim=-128)
-        axes.set_box_aspect((1, 1, 0.85), zoom=0.88)
-    figure.subplots_adjust(left=0.02, right=0.96, bottom=0.09, top=0.92, wspace=0.12, hspace=0.12)
+        axes.set_box_aspect((1, 1, 0.85), zoom=1.05)
+    figure.subplots_adjust(left=0.02, right=0.96, bottom=0.09, top=0.93, wspace=0.06, hspace=0.06)
     _legend(figure, names, 6, loc="lower center")
     figure.suptitle("The boundary of P-1-I-1")
     return figure
 
 
 def _rays(points: np.ndarray) -> list[np.ndarray]:
-    """Boundary points (3, n) joined into the straight lines p = A g(f) on which they lie, one for each frequency and g."""
+    """Boundary points (3, n) joined into the straight lines p = A g(f) on which they lie, for each frequency and g."""
     frequency, ratio = points[0], points[2] / points[1]
     order = np.lexsort((ratio, frequency))
     breaks = (np.diff(frequency[order]) != 0) | (np.diff(ratio[order]) > 1e-4 * ratio[order][1:])
@@ -225,7 +216,7 @@ def _ratio(dataset: xarray.Dataset) -> Figure:
             settings[0][inside],
             (settings[2] / settings[1])[inside],
             ".",
-            color="#cccccc",
+            color="#b0b0b0",
             markersize=2.0,
             markeredgewidth=0,
         )

@@ -49,8 +49,9 @@ DRAWS = 5
 # What an orbit looked for at a setting turns out to be.
 IS_P11, NO_ORBIT, UNSTABLE, ANOTHER_LABEL, JUMPED = range(5)
 
-JUMP = 0.05
-"""An orbit this far (in length scales, see section_distance) from the one followed, a short step on, is another one."""
+JUMP = 1e-3
+"""An orbit this far (in length scales, see section_distance) from the one followed, a step of 1e-6 on, is another one:
+beyond a fold Newton's method may still find one that lies near."""
 
 
 @njit(**KERNEL)

@@ -21,11 +21,14 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from drillenv.checks import InputError, choice, number
+from drillenv.checks import InputError, choice, count, number
 from drillenv.dynamics.exact import (
+    COSINE,
     LOG_SIZE,
+    SINE,
     STATE_SIZE,
     TURN,
+    TURNS,
     Scratch,
     acceleration,
     advance_logged,
@@ -60,8 +63,17 @@ CONTROLS = {
     "stiffness": (*STIFFNESS_LIMITS, "N/m"),
 }
 """What can be swept, with its limits and unit. The stiffness is k_l; k_u keeps its ratio to it."""
+SLIPS = {
+    "frequency": [(1e3, "kHz")],
+    "amplitude": [(1e-3, "mV")],
+    "pressure": [(1e-2, "kPa")],
+    "stiffness": [(1e6, "kN/mm"), (1e3, "N/mm or kN/m")],
+}
+"""Units taken by mistake for those of CONTROLS, with their factors."""
 DIRECTIONS = ("up", "down")
 MOST_POINTS = 1_000_000
+ROUNDING = 1e-9
+"""A step that overshoots the range by no more than this share of it still reaches the end."""
 MOST_PEAKS = 64
 """Peaks kept of a motion; of one that does not close, its next so many."""
 CHUNK = 32
@@ -77,25 +89,27 @@ SWEEP_POINT = np.dtype(
     ]
 )
 """One point of a sweep: a motion as in SURVEY, its number of peaks, and for each peak the force in N and the largest
-abs(X2'') in m/s^2 on the way to it; NaN beyond the number of peaks."""
+deceleration -X2'' in m/s^2 from the beginning of the loading to the end of the unloading around it; NaN beyond the
+number of peaks."""
 
 # Columns of a log row (see exact.LOG_SIZE) used here.
 _TURNS, _REGIME, _FIRST, _PHASE = 0, 1, 2, 7
 
 
 @njit(**INLINE)
-def deceleration(model: np.ndarray, scratch: Scratch, phase: float, state: np.ndarray, t: float) -> float:
-    """-X2'' in m/s^2 a time ``t`` into the loading of ``scratch.work``."""
+def deceleration(model, regime: int, scratch: Scratch, phase: float, state: np.ndarray, t: float) -> float:
+    """-X2'' in m/s^2 a time ``t`` into the contact of ``scratch.work``."""
     set_phase(phase + model[0, OMEGA] * t, state)
-    contact_state(model, LOADING, scratch.work, state[7], state[8], t, state)
-    return -acceleration(model, state, model[LOADING, STIFFNESS])
+    contact_state(model, regime, scratch.work, state[SINE], state[COSINE], t, state)
+    return -acceleration(model, state, model[regime, STIFFNESS])
 
 
 @njit(**KERNEL)
 def largest_deceleration(model, row, duration, state, scratch) -> float:
-    """The largest -X2'' in m/s^2 during the loading that begins with a log row and lasts ``duration`` s."""
+    """The largest -X2'' in m/s^2 during the contact regime that begins with a log row and lasts ``duration`` s."""
+    regime = int(row[_REGIME])
     set_phase(row[_PHASE], state)
-    contact_coefficients(model, LOADING, row[_FIRST : _FIRST + 4], state[7], state[8], scratch.work)
+    contact_coefficients(model, regime, row[_FIRST : _FIRST + 4], state[SINE], state[COSINE], scratch.work)
     samples = 16
     best, place = -np.inf, 0
     for i in range(samples + 1):
@@ -120,23 +134,30 @@ def largest_deceleration(model, row, duration, state, scratch) -> float:
     return max(best, at_left, at_right)
 
 
+@njit(**INLINE)
+def log_phase(row: np.ndarray) -> float:
+    """Phase of the excitation at the start of a segment, in rad, whole turns counted in."""
+    return row[_TURNS] * TURN + row[_PHASE]
+
+
 @njit(**KERNEL)
 def find_peaks(model, state, periods, log, scratch, forces, accelerations) -> int:
     """The force peaks of ``periods`` excitation periods, the second on from ``state``; returns how many were written.
 
-    The first period is there so that a loading under way at the section is seen from its beginning.
+    A period more is run on either side, so that an impact under way at the section is seen from beginning to end.
     """
     omega = model[0, OMEGA]
-    begin = state[9] * TURN
-    rows = advance_logged(model, state, (periods + 1) * TURN / omega, log, scratch)[0]
+    begin = state[TURNS] * TURN
+    rows = advance_logged(model, state, (periods + 2) * TURN / omega, log, scratch)[0]
     found = 0
-    for i in range(1, rows):
-        phase = log[i, _TURNS] * TURN + log[i, _PHASE] - begin
+    for i in range(1, rows - 1):
         turn = log[i, _REGIME] == UNLOADING and log[i - 1, _REGIME] == LOADING
-        if turn and TURN < phase <= (periods + 1) * TURN and found < forces.size:
+        first, top, last = log_phase(log[i - 1]), log_phase(log[i]), log_phase(log[i + 1])
+        if turn and TURN < top - begin <= (periods + 1) * TURN and found < forces.size:
             forces[found] = model[UNLOADING, STIFFNESS] * log[i, _FIRST + 3]
-            before = log[i - 1, _TURNS] * TURN + log[i - 1, _PHASE] - begin
-            accelerations[found] = largest_deceleration(model, log[i - 1], (phase - before) / omega, state, scratch)
+            loading = largest_deceleration(model, log[i - 1], (top - first) / omega, state, scratch)
+            unloading = largest_deceleration(model, log[i], (last - top) / omega, state, scratch)
+            accelerations[found] = max(loading, unloading)
             found += 1
     return found
 
@@ -246,7 +267,7 @@ class Sweep:
 
         Args:
             path: The file; its ending gives the kind.
-            peaks: "acceleration" for the largest abs(X2'') of each impact, "force" for the rock force's peaks.
+            peaks: "acceleration" for the largest -X2'' of each impact, "force" for the rock force's peaks.
 
         Raises:
             InputError: another name of peaks, or an ending that Matplotlib does not know.
@@ -299,6 +320,7 @@ def sweep(
     setting, chosen, rig = checked_place(setting, rock, rig)
     over = choice("over", over, tuple(CONTROLS))
     values = _values(over, start, stop, step)
+    wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
     wanted = DIRECTIONS if choice("direction", direction, (*DIRECTIONS, "both")) == "both" else (direction,)
     with _bar(progress, len(values) * len(wanted)) as move, ThreadPoolExecutor(len(wanted)) as pool:
         tasks = {
@@ -334,13 +356,15 @@ def value_of(setting: Setting, rock: Rock, over: str) -> float:
 
 def _values(over: str, start: object, stop: object, step: object) -> np.ndarray:
     low, high, unit = CONTROLS[over]
-    first, last = number("start", start, low, high, unit), number("stop", stop, low, high, unit)
+    first = number("start", start, low, high, unit, SLIPS[over])
+    last = number("stop", stop, low, high, unit, SLIPS[over])
     if first >= last:
         raise InputError(
             f"start is {first:g} {unit} and stop {last:g} {unit}: give start below stop; direction='down' turns"
         )
-    pace = number("step", step, (last - first) / MOST_POINTS, last - first, unit)
-    points = math.floor((last - first) / pace * (1 + 1e-12) + 1e-9) + 1
+    reach = last - first
+    pace = number("step", step, reach / MOST_POINTS, reach * (1 + ROUNDING), unit)
+    points = math.floor(reach / pace * (1 + ROUNDING)) + 1
     return np.minimum(np.round(first + pace * np.arange(points), 12), last)
 
 

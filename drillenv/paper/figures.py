@@ -41,6 +41,7 @@ def _portrait(panel: Any, run: Run) -> None:
     panel.axvline(0, color="0.8", lw=0.6, zorder=0)
     panel.set_ylabel("V2 [m/s]", fontsize=8)
     panel.tick_params(labelsize=8)
+    panel.locator_params(axis="x", nbins=5)
 
 
 def _diagram(panel: Any, result: Sweep, label: str, lower: float = -np.inf, upper: float = np.inf) -> None:
