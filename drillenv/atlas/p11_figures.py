@@ -128,7 +128,7 @@ def _slices(dataset: xarray.Dataset) -> Figure:
     top = np.nanmax(rate) if np.isfinite(rate).any() else 1.0
     levels = np.arange(RATE_STEP, top, RATE_STEP)
     names, mesh = _ends(dataset), None
-    x, y = _cells(frequency), _cells(amplitude)
+    x, y = _cells(frequency).tolist(), _cells(amplitude).tolist()
     for row in range(rows):
         for column, k in enumerate(columns):
             axes = grid[row, column]
@@ -138,7 +138,7 @@ def _slices(dataset: xarray.Dataset) -> Figure:
                 lines = axes.contour(frequency, amplitude, values, levels=levels, colors="white", linewidths=0.6)
                 axes.clabel(lines, fmt="%.1f", fontsize=6)
             shared = (dataset["exists"].values & ~dataset["only"].values)[row, :, :, k].T
-            for i, j in zip(*np.nonzero(shared), strict=True):
+            for i, j in np.argwhere(shared).tolist():
                 axes.add_patch(Rectangle((x[j], y[i]), x[j + 1] - x[j], y[i + 1] - y[i], **COEXISTENCE))
             here = (dataset["boundary_rock"].values == row) & (dataset["boundary_axis"].values != 2)
             here &= np.isclose(dataset["boundary_pressure"].values, pressure[k], rtol=1e-12)

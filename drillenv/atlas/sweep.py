@@ -113,24 +113,24 @@ def largest_deceleration(model, row, duration, state, scratch) -> float:
     samples = 16
     best, place = -np.inf, 0
     for i in range(samples + 1):
-        value = deceleration(model, scratch, row[_PHASE], state, duration * i / samples)
+        value = deceleration(model, regime, scratch, row[_PHASE], state, duration * i / samples)
         if value > best:
             best, place = value, i
     # golden sections around the best sample
     low, high = duration * max(place - 1, 0) / samples, duration * min(place + 1, samples) / samples
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     left, right = high - golden * (high - low), low + golden * (high - low)
-    at_left = deceleration(model, scratch, row[_PHASE], state, left)
-    at_right = deceleration(model, scratch, row[_PHASE], state, right)
+    at_left = deceleration(model, regime, scratch, row[_PHASE], state, left)
+    at_right = deceleration(model, regime, scratch, row[_PHASE], state, right)
     for _ in range(24):
         if at_left > at_right:
             high, right, at_right = right, left, at_left
             left = high - golden * (high - low)
-            at_left = deceleration(model, scratch, row[_PHASE], state, left)
+            at_left = deceleration(model, regime, scratch, row[_PHASE], state, left)
         else:
             low, left, at_left = left, right, at_right
             right = low + golden * (high - low)
-            at_right = deceleration(model, scratch, row[_PHASE], state, right)
+            at_right = deceleration(model, regime, scratch, row[_PHASE], state, right)
     return max(best, at_left, at_right)
 
 

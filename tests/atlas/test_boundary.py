@@ -1,5 +1,6 @@
 """Boundaries against runs on either side, finite differences, and the laws of their kinds."""
 
+import itertools
 import math
 
 import numpy as np
@@ -42,7 +43,7 @@ def difference_multipliers(model: np.ndarray, point: np.ndarray, period: int) ->
 
 
 def orbit_at(setting: Setting, near, case: int = 4):
-    """The orbit of a motion's period at another setting, stable or not, and the model there; None where there is none."""
+    """The model at another setting and the orbit of a motion's period there, stable or not; None where there is none."""
     model = make_model(Rig(), rock(case), setting)
     point, tangent = point_from_xf(near), np.empty((4, 4))
     return (model, point) if find_orbit(model, point, UNLOADING, near.period, tangent) else None
@@ -144,7 +145,7 @@ def test_every_change_along_a_sweep():
     found = boundaries(swept)
     for way in ("up", "down"):
         names = swept.labels(way)[:: 1 if way == "up" else -1]
-        changes = [(str(a), str(b)) for a, b in zip(names[:-1], names[1:], strict=True) if a != b]
+        changes = [(str(a), str(b)) for a, b in itertools.pairwise(names) if a != b]
         mine = [each for each in found if each.direction == way]
         assert [(each.label, each.beyond) for each in mine] == changes
         # each lies within the step in which the label changed
