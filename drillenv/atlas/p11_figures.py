@@ -22,7 +22,7 @@ SLICES = 4
 
 RATE_STEP = 0.1
 """Between contours of the penetration rate, in mm/s."""
-COEXISTENCE: dict[str, Any] = {"facecolor": "none", "edgecolor": "red", "hatch": "//////", "linewidth": 0.0}
+COEXISTENCE: dict[str, Any] = {"facecolor": "none", "edgecolor": "red", "hatch": "//////", "linewidth": 0.3}
 
 # How P-1-I-1 ends, as the pictures tell it apart: name, colour (told apart by any eye), marker.
 ENDS = {
@@ -88,15 +88,16 @@ def _ends(dataset: xarray.Dataset) -> np.ndarray:
     return names
 
 
-def _legend(figure: Figure, names: np.ndarray, size: float, **place: Any) -> None:
-    """What the markers of the boundary mean, those that occur."""
+def _legend(figure: Figure, names: np.ndarray, size: float, *more: Any, **place: Any) -> None:
+    """What the markers of the boundary mean, those that occur, and ``more``."""
     from matplotlib.lines import Line2D
 
-    handles = [
+    handles: list[Any] = [
         Line2D([], [], linestyle="", marker=marker, color=colour, markersize=size, label=name)
         for name, (colour, marker) in ENDS.items()
         if name in names
     ]
+    handles += more
     if handles:
         figure.legend(handles=handles, title="P-1-I-1 ends at", ncols=len(handles), frameon=False, **place)
 
@@ -155,13 +156,7 @@ def _slices(dataset: xarray.Dataset) -> Figure:
         axes.set_xlabel("frequency [Hz]")
     if mesh is not None:
         figure.colorbar(mesh, ax=grid, label="penetration rate on P-1-I-1 [mm/s]", shrink=0.7, aspect=40)
-    grid[0, 0].legend(
-        handles=[Patch(label="other motions too", **COEXISTENCE)],
-        loc="lower left",
-        fontsize=7,
-        framealpha=1.0,
-    )
-    _legend(figure, names, 5, loc="outside lower center")
+    _legend(figure, names, 5, Patch(label="(hatched) other motions too", **COEXISTENCE), loc="outside lower center")
     figure.suptitle("Where P-1-I-1 exists, and how fast it drills")
     return figure
 

@@ -1,5 +1,8 @@
 """Arrays without reference counting, for the inside of a kernel."""
 
+from collections.abc import Callable
+from typing import Any
+
 from llvmlite import ir
 from numba.core import types
 from numba.core.errors import TypingError
@@ -7,8 +10,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
 
-@intrinsic
-def borrowed(typingctx, array):
+def _borrow(typingctx, array):
     """The same array as one that nobody counts references to.
 
     Numba raises and lowers an array's count (atomically) around every function that takes it, inlined or not: half the
@@ -25,3 +27,7 @@ def borrowed(typingctx, array):
         return view._getvalue()
 
     return array(array), codegen
+
+
+borrowed: Callable[[Any], Any] = intrinsic(_borrow)  # pyright: ignore[reportAssignmentType]
+"""borrowed(array): see _borrow."""

@@ -131,6 +131,14 @@ def work_of_static_force(model: np.ndarray, log: np.ndarray) -> float:
     return float(model[0, STATIC] * (x1[1] - x1[0]))
 
 
+def work_and_damping(model: np.ndarray, log: np.ndarray) -> tuple[float, float]:
+    """Work of the drive F_a sin(theta) on the indenter, and energy lost in the damper, in J, by quadrature."""
+    drive, damper = np.zeros(len(log) - 1), np.zeros(len(log) - 1)
+    quadrature(model, log, drive, damper)
+    # numpy adds in pairs: one running sum would round the same way in every period of a motion
+    return float(drive.sum()), float(damper.sum())
+
+
 @njit(**INLINE)
 def open_segment(model: np.ndarray, row: np.ndarray, work: np.ndarray):
     """Write the coefficients of the segment that starts in ``row`` into ``work`` (16,)."""
@@ -186,10 +194,9 @@ def sample(model: np.ndarray, log: np.ndarray, starts: np.ndarray, times: np.nda
 
 
 @njit(**KERNEL)
-def work_and_damping(model: np.ndarray, log: np.ndarray):
-    """Work of the drive F_a sin(theta) on the indenter, and energy lost in the damper, in J, by quadrature."""
+def quadrature(model: np.ndarray, log: np.ndarray, drive: np.ndarray, damper: np.ndarray):
+    """Add each segment's work of the drive and loss in the damper, in J, to ``drive`` and ``damper`` (segments,)."""
     work, z = np.zeros(16), np.zeros(4)
-    drive = damper = 0.0
     for segment in range(log.shape[0] - 1):
         row = log[segment]
         regime = int(row[L_REGIME])
@@ -207,6 +214,5 @@ def work_and_damping(model: np.ndarray, log: np.ndarray):
         for piece in range(pieces):
             for i in range(8):
                 sine = segment_state(model, row, work, h * (piece + NODES[i]), z)
-                drive += h * WEIGHTS[i] * model[0, AMPLITUDE] * sine * z[2]
-                damper += h * WEIGHTS[i] * model[0, C] * (z[1] - z[2]) ** 2
-    return drive, damper
+                drive[segment] += h * WEIGHTS[i] * model[0, AMPLITUDE] * sine * z[2]
+                damper[segment] += h * WEIGHTS[i] * model[0, C] * (z[1] - z[2]) ** 2

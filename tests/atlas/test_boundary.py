@@ -43,7 +43,7 @@ def difference_multipliers(model: np.ndarray, point: np.ndarray, period: int) ->
 
 
 def orbit_at(setting: Setting, near, case: int = 4):
-    """The model at another setting and the orbit of a motion's period there, stable or not; None where there is none."""
+    """The model at a setting and the orbit of a motion's period there, stable or not; None where there is none."""
     model = make_model(Rig(), rock(case), setting)
     point, tangent = point_from_xf(near), np.empty((4, 4))
     return (model, point) if find_orbit(model, point, UNLOADING, near.period, tangent) else None
@@ -104,7 +104,7 @@ def test_fold():
     assert motion(at(found.value - 1e-3), start=last).label != "P-1-I-1"
     # the law of a fold: the multiplier comes to 1 as the square root of the distance
     gaps = []
-    for distance in (1e-4, 4e-4):
+    for distance in (1e-5, 4e-5):
         near = walked_down(found.value + distance)
         model = make_model(Rig(), rock(4), near.setting)
         gaps.append(1.0 - np.abs(difference_multipliers(model, point_from_xf(near), 1)).max())

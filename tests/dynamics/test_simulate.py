@@ -384,7 +384,7 @@ def test_effects_take_the_general_engine():
 
 
 def test_rig_that_the_exact_engine_cannot_take_runs_on_the_general_one():
-    rig, rock = Rig(shaker_mass=81.1, indenter_mass=1.26, stiffness=93.35e6, damping=80.5e3), Rock(7.83e6, 8.61e6)
+    rig, rock = Rig(shaker_mass=614.0, indenter_mass=0.4, stiffness=127e3, damping=63.9e3), Rock(23.2e6, 25.5e6)
     with pytest.raises(InputError, match="general"):
         make_model(rig, rock, FIGURE_3_2)
     run = simulate(FIGURE_3_2, rock, rig, seconds=0.05, sample_rate=1000.0)
