@@ -38,6 +38,7 @@ lint: $(VENV)/dev.stamp
 
 bench: $(VENV)/dev.stamp
 	@$(BIN)/python -m benchmarks.speed
+	@$(BIN)/python -m benchmarks.batch
 
 clean:
 	rm -rf $(VENV) out/paper build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import math
 import os
-import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -53,6 +52,7 @@ from drillenv.dynamics.flow import (
 from drillenv.dynamics.motion import Motion, checked_place, motion_of
 from drillenv.dynamics.orbits import MOTION_SIZE, PERIOD, SECTION, SECTION_REGIME, put_on_section
 from drillenv.dynamics.survey import PATIENCE, SURVEY, WAIT, as_survey, labels, settle_on
+from drillenv.files import whole
 from drillenv.rig import AMPLITUDE_LIMITS, FREQUENCY_LIMITS, PRESSURE_LIMITS, Rig, Setting
 from drillenv.rocks import STIFFNESS_LIMITS, Rock
 
@@ -234,9 +234,9 @@ class Sweep:
         """Write a row for each point and direction; peaks stand in one cell each, parted by spaces.
 
         Raises:
-            OSError: the file cannot be written. There is then no new file, and an old one stands as it was.
+            InputError: the file cannot be written. There is then no new file, and an old one stands as it was.
         """
-        with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        with whole(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(_CSV_COLUMNS)
             for direction in self.directions:
@@ -270,15 +270,14 @@ class Sweep:
             peaks: "acceleration" for the largest -X2'' of each impact, "force" for the rock force's peaks.
 
         Raises:
-            InputError: another name of peaks, or an ending that Matplotlib does not know.
-            OSError: the file cannot be written.
+            InputError: another name of peaks, an ending that Matplotlib does not know, or no way to write it.
         """
         kind = choice("peaks", peaks, ("acceleration", "force"))
         figure = _diagram(self, kind)
         ending = Path(path).suffix.lstrip(".").lower()
         if ending not in figure.canvas.get_supported_filetypes():
             raise InputError(f"path is {os.fspath(path)!r}: end it in .png, .pdf or .svg")
-        with whole_file(path) as temporary:
+        with whole(path) as temporary:
             figure.savefig(temporary, format=ending, dpi=200)
 
 
@@ -417,23 +416,6 @@ def _bar(shown: bool, total: int):
 
     with tqdm(total=total, unit="point") as bar:
         yield bar.update
-
-
-@contextmanager
-def whole_file(path: str | os.PathLike[str]):
-    """A temporary name beside ``path``, which takes its place when all went well."""
-    target = Path(path)
-    handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    os.close(handle)
-    try:
-        yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)  # mkstemp makes files that only their owner may read
-        os.replace(temporary, target)
-    except BaseException:
-        os.unlink(temporary)
-        raise
 
 
 _CSV_FIELDS = (
