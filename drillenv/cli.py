@@ -214,6 +214,8 @@ def _add_atlas(parser: Parser) -> None:
         "--rock", default="all", metavar="ROCKS", help="all, or cases or names with commas: 1,4 (default all)"
     )
     parser.add_argument("--out", required=True, metavar="FILE.nc", help="where the atlas goes, as NetCDF")
+    note = "draw it too: slices in this file (.png, .pdf or .svg), the surface and the collapse on p / A beside it"
+    parser.add_argument("--plot", metavar="FILE.png", help=note)
     note = "values of frequency, amplitude and pressure over the box of the paper, 2 to 1000 each"
     parser.add_argument("--points", type=_whole_number, nargs=3, metavar=("F", "A", "P"), help=note)
     note = "random starts at each point, beside the rig at rest (default 12)"
@@ -420,6 +422,9 @@ def _atlas(given: argparse.Namespace) -> None:
     rig = _rig(given)
     axes = _axes(given.points)
     check_writable(given.out)
+    if given.plot is not None:
+        check_writable(given.plot)
+        choice("the ending of --plot", Path(given.plot).suffix, (".png", ".pdf", ".svg"))
     from drillenv.atlas import atlas
 
     dataset = atlas(
@@ -432,8 +437,14 @@ def _atlas(given: argparse.Namespace) -> None:
         cluster=given.cluster,
         out=given.out,
     )
+    pictures: list[str] = []
+    if given.plot is not None:
+        from drillenv.atlas.p11_figures import plot_atlas
+
+        pictures = [str(path) for path in plot_atlas(dataset, given.plot)]
     summary = {
         "out": given.out,
+        "pictures": pictures,
         "points": dict(dataset["exists"].sizes),
         "exists": float(dataset["exists"].mean()),
         "only": float(dataset["only"].mean()),
@@ -444,7 +455,7 @@ def _atlas(given: argparse.Namespace) -> None:
         return
     print(f"P-1-I-1 exists at {100 * summary['exists']:.1f} % of the points, and is the only motion at ", end="")
     print(f"{100 * summary['only']:.1f} %; {summary['boundary_points']} points on its boundary")
-    print(f"wrote {given.out}")
+    print(f"wrote {', '.join([given.out, *pictures])}")
 
 
 def _axes(points: Sequence[int] | None) -> dict[str, Any]:

@@ -175,12 +175,16 @@ def test_sweep_over_each(run, over, first, last, step):
 
 
 def test_atlas_is_written(run):
-    pytest.importorskip("h5py")
     options = ["atlas", "--rock", "4,2", "--points", "2", "2", "2", "--starts", "1", "--out", "atlas.nc"]
+    options += ["--plot", "map.png"]
     told = as_json(run(*options, "--json"))
     assert told["points"] == {"rock": 2, "frequency": 2, "amplitude": 2, "pressure": 2}
     assert 0.0 <= told["only"] <= told["exists"] <= 1.0
-    assert os.listdir() == ["atlas.nc"]
+    assert (
+        sorted(os.listdir())
+        == ["atlas.nc", "map.png", "map_ratio.png", "map_surface.png"]
+        == sorted([told["out"], *told["pictures"]])
+    )
 
 
 def test_paper_prints_its_rows(run, monkeypatch):
@@ -273,6 +277,8 @@ BAD = [
     ["atlas", "--out", "atlas.nc", "--points", "2", "2"],
     ["atlas", "--out", "atlas.nc", "--starts", "0"],
     ["atlas", "--out", "atlas.nc", "--seed", "-1"],
+    ["atlas", "--out", "atlas.nc", "--plot", "atlas.bmp"],
+    ["atlas", "--out", "atlas.nc", "--plot", "missing/atlas.png"],
     ["paper"],
     ["paper", "--out", ""],
     ["paper", "--out", "\0"],

@@ -7,12 +7,15 @@ depends on the tiles alone, never on who worked on them or in what order.
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
 from drillenv.checks import InputError, count, shown
+
+KNOCK_SECONDS = 5.0
 
 Mapper = Callable[[Callable[..., Any], Sequence[tuple]], Iterator[Any]]
 """Takes the work and the tiles, gives the results in the order of the tiles."""
@@ -66,14 +69,22 @@ def _connect(cluster: object) -> tuple[Any, bool]:
     if ray.is_initialized():
         return ray, False
     try:
+        _knock(cluster)
         ray.init(address=cluster, log_to_driver=False, logging_level="error")
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         reason = str(error).strip().partition("\n")[0]
         raise InputError(
             f"cluster is {shown(cluster)}, where no Ray cluster answers ({shown(reason)}): start one with "
             f'ray start --head and give its address, or give "local"'
         ) from None
     return ray, True
+
+
+def _knock(address: str) -> None:
+    """Fail where nobody listens at HOST:PORT: Ray itself would try for minutes."""
+    host, colon, port = address.strip().removeprefix("ray://").rpartition(":")
+    if colon:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=KNOCK_SECONDS).close()
 
 
 def _on_cluster(ray: Any, work: Callable[..., Any], tiles: Sequence[tuple]) -> Iterator[Any]:

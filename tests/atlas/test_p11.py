@@ -349,10 +349,11 @@ def test_ray_gives_the_same(small):
 
 
 @pytest.mark.slow
-def test_no_ray_cluster_at_the_address():
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:x", "127.0.0.1:99999", "nonsense"])
+def test_no_ray_cluster_at_the_address(address):
     pytest.importorskip("ray")
     with pytest.raises(InputError, match="no Ray cluster answers") as caught:
-        atlas(4, **AXES, cluster="127.0.0.1:1")
+        atlas(4, **AXES, cluster=address)
     one_line(caught)
 
 
