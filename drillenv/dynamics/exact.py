@@ -508,16 +508,26 @@ def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally:
         tally[PEAK_SPEED] = max(tally[PEAK_SPEED], state[V2])
 
 
+@njit(**INLINE)
+def reduced(left: float, owed: float, taken: float):
+    """The time left after ``taken``, and the rounding it owes (Kahan): thousands of switches must not move the end."""
+    if taken == left:
+        return 0.0, 0.0
+    step = -taken - owed
+    remaining = left + step
+    return remaining, (remaining - left) - step
+
+
 @njit(**KERNEL)
 def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.ndarray, scratch: Scratch):
     """Move the state ``duration`` seconds on; what happens is added to the tally."""
     model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
-    left = duration
+    left, owed = duration, 0.0
     while left > 0.0:
         before = int(state[REGIME])
         regime = begin(model, state, scratch)
         count(model, state, before, regime, tally)
-        left -= complete(model, state, regime, left, scratch)
+        left, owed = reduced(left, owed, complete(model, state, regime, left, scratch))
 
 
 @njit(**KERNEL)
@@ -570,7 +580,7 @@ def advance_logged(model: np.ndarray, state: np.ndarray, duration: float, log: n
     Returns the rows written and the time left, which is above zero where the log was full.
     """
     model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
-    left = duration
+    left, owed = duration, 0.0
     row = 0
     while left > 0.0 and row < log.shape[0]:
         regime = begin(model, state, scratch)
@@ -581,7 +591,7 @@ def advance_logged(model: np.ndarray, state: np.ndarray, duration: float, log: n
         log[row, 6] = state[ORIGIN]
         log[row, 7] = state[THETA]
         row += 1
-        left -= complete(model, state, regime, left, scratch)
+        left, owed = reduced(left, owed, complete(model, state, regime, left, scratch))
     return row, left
 
 
