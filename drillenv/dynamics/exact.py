@@ -311,8 +311,8 @@ def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: floa
 def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
     """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
 
-    ``rate`` in 1/s is how fast the function changes, to judge when a step is the last. Returns the
-    time to about 1e-10 of itself, the slope and curvature of the function there, and w.
+    ``rate`` in 1/s is how fast the function changes, to judge when a step is the last. Returns the time to
+    about 1e-10 of itself, the slope and curvature of the function there, and w.
     """
     t = guess
     f = d = c = w = 0.0
@@ -423,7 +423,7 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
                 return limit, GOES_ON
             t0, f0, d0, c0, w0 = t1, f1, d1, c1, w1
             bound = lasting + fading * math.exp(-rate * t0)
-            # as far as the quintic can be trusted, and no further than half a period
+            # as far as the quintic can be trusted (its error grows with the sixth power), and at most half a period
             reach = 4000.0 * abs(f0) / (bound * usual**6)
             if reach > 729.0:
                 step = 4.0 * usual if reach > 4096.0 else 3.0 * usual
