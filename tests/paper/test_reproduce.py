@@ -1,6 +1,7 @@
 """The published motions: which the model gives, which it does not, and by how much its boundaries lie elsewhere."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -98,3 +99,15 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="give another"):
         reproduce(tmp_path / "file" / "paper")
+
+
+def test_what_the_readme_shows_is_current():
+    rows = json.loads((Path(__file__).parents[2] / "docs" / "paper" / "published.json").read_text())
+    motions = [row for row in rows if row["kind"] == "motion"]
+    boundaries = [row for row in rows if row["kind"] == "boundary"]
+    found = sorted((motion_row(row) for row in MOTIONS), key=lambda row: row["figure"])
+    assert [(row["figure"], row["computed"]) for row in motions] == [(row["figure"], row["computed"]) for row in found]
+    assert [row["computed"] for row in boundaries] == pytest.approx(
+        [boundary_row(row)["computed"] for row in BOUNDARIES]
+    )
+    assert sum(row["agrees"] for row in rows) == 16
