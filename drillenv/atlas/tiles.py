@@ -6,7 +6,6 @@ depends on the tiles alone, never on who worked on them or in what order.
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from drillenv.checks import InputError, count, shown
+from drillenv.dynamics.survey import allowed_cores
 
 KNOCK_SECONDS = 5.0
 
@@ -33,7 +33,7 @@ def tile_workers(cluster: str | None = None, workers: int | None = None) -> Iter
         InputError: ``workers`` is no count, Ray is not installed, or there is no cluster at that address.
     """
     if cluster is None:
-        threads = _cores() if workers is None else count("workers", workers, 1, 1024)
+        threads = allowed_cores() if workers is None else count("workers", workers, 1, 1024)
         pool = ThreadPoolExecutor(threads)
         try:
             yield lambda work, tiles: pool.map(lambda tile: work(*tile), tiles)
@@ -47,11 +47,6 @@ def tile_workers(cluster: str | None = None, workers: int | None = None) -> Iter
     finally:
         if started:
             ray.shutdown()
-
-
-def _cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _connect(cluster: object) -> tuple[Any, bool]:

@@ -187,7 +187,7 @@ def survey(
     places = random_starts(count("starts", starts, 1, 10_000) if many else 1, count("seed", seed, 0, 2**63))
     wait = count("wait", wait, 1, 1_000_000)
     patience = count("patience", patience, 1, 100_000_000)
-    workers = _allowed_cores() if threads is None else count("threads", threads, 1, 1024)
+    workers = allowed_cores() if threads is None else count("threads", threads, 1, 1024)
 
     pairs = controls.frequency.size * len(places)
     out, tangents = np.empty((pairs, MOTION_SIZE)), np.empty((pairs, 4, 4))
@@ -299,7 +299,7 @@ def _drives(rig: Rig, controls: Controls) -> np.ndarray:
     )
 
 
-def _allowed_cores() -> int:
+def allowed_cores() -> int:
     """The cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # absent on macOS
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -149,8 +149,7 @@ def test_grazing_is_decided_to_the_last_digits(phase):
     flight = run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.02, 1e6, phase, far)
     assert len(flight.switches.time) == 0
     inside = np.flatnonzero((flight.x2[1:-1] > flight.x2[:-2]) & (flight.x2[1:-1] > flight.x2[2:])) + 1
-    if inside.size == 0:
-        pytest.skip("this flight has no highest point")
+    assert inside.size, "this flight has no highest point"
     top = inside[0]
     a, _, c = flight.x2[top - 1 : top + 2] - flight.x2[top]
     height = flight.x2[top] - (a - c) ** 2 / (8 * (a + c))
