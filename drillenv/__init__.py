@@ -6,13 +6,20 @@
     run = drillenv.simulate(setting, rock=4, seconds=2.0)
     motion = drillenv.motion(setting, rock=4)  # motion.label is "P-1-I-1"
 
-The names below are imported where they are first used, so that ``import drillenv`` costs next to nothing.
+    import gymnasium as gym
+
+    env = gym.make("drillenv/DrillLayers-v0")
+
+The environments are registered on import. The names below are imported where they are first used, so that ``import
+drillenv`` costs next to nothing.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+from drillenv.env.registration import register_environments
 
 if TYPE_CHECKING:
     from drillenv import atlas as atlas
@@ -71,6 +78,8 @@ _HOME = {
     "simulate": "dynamics.simulate",
     "sweep": "atlas",
 }
+
+register_environments()
 
 
 def __getattr__(name: str) -> object:

@@ -14,6 +14,9 @@ FREQUENCY_RANGE = (50.0, 120.0)  # Hz
 AMPLITUDE_RANGE = (0.30, 0.60)  # V
 PRESSURE_RANGE = (0.6, 1.8)  # bar
 
+# Eq. 3.5, F_a = (DRIVE_SLOPE f + DRIVE_BASE) A, in N/(Hz V) and N/V, and Eq. 3.6, F_b = PUSH p, in N/bar.
+DRIVE_SLOPE, DRIVE_BASE, PUSH = 2.40, 876.19, 196.35
+
 # What a Setting accepts: wider than the box, since Fig. 2.5 runs at 150 Hz and boundaries lie outside it, but
 # narrow enough that no value of the box written in another unit (rad/s, rpm, kHz, mV, kPa, MPa, psi) fits.
 FREQUENCY_LIMITS = (10.0, 250.0)
@@ -95,11 +98,11 @@ class Rig:
 
     def drive_force(self, setting: Setting) -> float:
         """Amplitude of the harmonic force on the indenter in N (Eq. 3.5)."""
-        return self.drive_gain * (2.40 * setting.frequency + 876.19) * setting.amplitude
+        return self.drive_gain * (DRIVE_SLOPE * setting.frequency + DRIVE_BASE) * setting.amplitude
 
     def static_force(self, setting: Setting) -> float:
         """Static force on the shaker body in N (Eq. 3.6)."""
-        return self.pressure_gain * 196.35 * setting.pressure
+        return self.pressure_gain * PUSH * setting.pressure
 
 
 class Groups(NamedTuple):

@@ -9,7 +9,7 @@ import pytest
 import drillenv
 from drillenv.checks import InputError
 
-HEAVY = ("numba", "scipy", "gymnasium", "torch", "matplotlib", "xarray", "h5netcdf", "tqdm", "ray", "pandas")
+HEAVY = ("numba", "scipy", "torch", "matplotlib", "xarray", "h5netcdf", "tqdm", "ray", "pandas")
 
 
 def fresh(code, folder):

@@ -1,0 +1,137 @@
+"""The model file: corrected constants of a rig and a rock, and the effects that the paper's model leaves out.
+
+    {
+      "format": "drillenv-model/1",
+      "constants": {"damping": 2790.0, "loading_stiffness": 21.9e6, "unloading_stiffness": 25.1e6},
+      "effects": [{"name": "contact-rate", "parameters": {"chi": 0.52}}]
+    }
+
+Constants carry the names that a campaign gives them and are in SI; those left out are Table 2.1's, and without
+stiffnesses the model holds on any rock.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drillenv.checks import InputError, shown
+from drillenv.files import whole
+from drillenv.rig import Rig
+from drillenv.rocks import Rock
+
+if TYPE_CHECKING:
+    from drillenv.dynamics.effects import Chosen
+
+FORMAT = "drillenv-model/1"
+LARGEST_FILE = 1_000_000
+"""Bytes; a model file has a few hundred."""
+RIG_CONSTANTS = tuple(each.name for each in fields(Rig))
+ROCK_CONSTANTS = ("loading_stiffness", "unloading_stiffness")
+
+
+@dataclass(frozen=True, slots=True)
+class Corrected:
+    """A model of the rig: constants, and effects beyond those of the paper."""
+
+    rig: Rig = field(default_factory=Rig)
+    rock: Rock | None = None
+    """None where the model says nothing of the rock."""
+    effects: tuple[Chosen, ...] = ()
+
+
+def read_model(path: str | Path) -> Corrected:
+    """Read a model file.
+
+    Raises:
+        InputError: no such file, not JSON, or not what the head of this module describes.
+    """
+    file = Path(path)
+    try:
+        if file.stat().st_size > LARGEST_FILE:
+            raise InputError(f"model {file} has {file.stat().st_size} bytes: give a model file, at most {LARGEST_FILE}")
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"model {file} cannot be read ({error.strerror}): give the path of a model file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"model {file} is not text: give a JSON file of the format {FORMAT}") from None
+    try:
+        record = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"model {file} is not JSON ({shown(str(error))}): give a file of the format {FORMAT}"
+        ) from None
+    try:
+        return model_from_record(record)
+    except InputError as error:
+        raise InputError(f"model {file}: {error}") from None
+
+
+def model_from_record(record: object) -> Corrected:
+    """The model of a parsed model file.
+
+    Raises:
+        InputError: not what the head of this module describes.
+    """
+    from drillenv.dynamics.effects import make
+
+    if not isinstance(record, dict) or record.get("format") != FORMAT:
+        given = shown(record.get("format")) if isinstance(record, dict) else shown(record)
+        raise InputError(f"format is {given}: give a record whose format is {FORMAT!r}")
+    for key in record:
+        if key not in ("format", "constants", "effects"):
+            raise InputError(f"unknown key {shown(key)}: a model has format, constants and effects")
+    constants = record.get("constants", {})
+    if not isinstance(constants, dict):
+        raise InputError(f"constants is {shown(constants)}: give a record of names and values")
+    for name in constants:
+        if name not in RIG_CONSTANTS + ROCK_CONSTANTS:
+            raise InputError(
+                f"unknown constant {shown(name)}: the constants are {', '.join(RIG_CONSTANTS + ROCK_CONSTANTS)}"
+            )
+    rig = Rig(**{name: constants[name] for name in RIG_CONSTANTS if name in constants})
+    given = [name for name in ROCK_CONSTANTS if name in constants]
+    if len(given) == 1:
+        raise InputError(f"constants has {given[0]} alone: give both stiffnesses of the rock, or none")
+    rock = Rock(*(constants[name] for name in ROCK_CONSTANTS), name="corrected") if given else None
+    chosen = record.get("effects", [])
+    if not isinstance(chosen, list):
+        raise InputError(f"effects is {shown(chosen)}: give a list of records with name and parameters")
+    effects = []
+    for entry in chosen:
+        if not isinstance(entry, dict) or set(entry) != {"name", "parameters"} or not isinstance(entry["name"], str):
+            raise InputError(f"an effect is {shown(entry)}: give a record with name and parameters")
+        if not isinstance(entry["parameters"], dict):
+            raise InputError(f"parameters of {shown(entry['name'])} is {shown(entry['parameters'])}: give a record")
+        effects.append(make(entry["name"], **entry["parameters"]))
+    names = [each.effect.name for each in effects]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"effect {name} is given twice: give it once")
+    return Corrected(rig, rock, tuple(effects))
+
+
+def model_record(model: Corrected) -> dict[str, Any]:
+    """What :func:`model_from_record` reads back."""
+    constants = asdict(model.rig)
+    if model.rock is not None:
+        constants |= {name: getattr(model.rock, name) for name in ROCK_CONSTANTS}
+    effects = [
+        {
+            "name": chosen.effect.name,
+            "parameters": {
+                parameter.symbol: value
+                for parameter, value in zip(chosen.effect.parameters, chosen.values, strict=True)
+            },
+        }
+        for chosen in model.effects
+    ]
+    return {"format": FORMAT, "constants": constants, "effects": effects}
+
+
+def write_model(path: str | Path, model: Corrected) -> None:
+    """Write a model file, whole or not at all."""
+    with whole(Path(path)) as part:
+        part.write_text(json.dumps(model_record(model), indent=2) + "\n", encoding="utf-8")

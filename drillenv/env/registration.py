@@ -1,0 +1,24 @@
+"""The environments' names in Gymnasium's registry. Imports Gymnasium only, so that ``import drillenv`` stays light."""
+
+from __future__ import annotations
+
+from gymnasium.envs.registration import register, registry
+
+STEPS = {"Drill": 80, "DrillLayers": 240, "DrillHidden": 240}
+"""Steps of an episode: 20 s on one rock, 60 s through layers."""
+KINDS = {"Drill": "rock", "DrillLayers": "layers", "DrillHidden": "hidden"}
+IDS = tuple(f"drillenv/{name}-v0" for name in KINDS)
+
+
+def register_environments() -> None:
+    """Register the environments; those that already are stay as they are."""
+    for name, kind in KINDS.items():
+        identity = f"drillenv/{name}-v0"
+        if identity not in registry:
+            register(
+                id=identity,
+                entry_point="drillenv.env.scalar:DrillEnv",
+                vector_entry_point="drillenv.env.vector:DrillVectorEnv",
+                max_episode_steps=STEPS[name],
+                kwargs={"kind": kind},
+            )
