@@ -1,1 +1,53 @@
-"""Controllers of the rig, one file each, with one interface: reset(seed) and act(observation, info) -> action."""
+"""Controllers of the rig, one a file, behind one interface, chosen by name.
+
+    controller = controllers.make("rules")
+    controller.reset(seed=0)
+    action = controller.act(observation, info)
+
+Observation and action are those of the environments with ``actions="absolute"`` and ``observations="readings"``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from drillenv.checks import choice
+
+
+class Controller(Protocol):
+    """What every controller does."""
+
+    sees_truth: bool
+    """Whether ``act`` gets the truth in ``info``; all but the oracles get an empty one."""
+
+    def reset(self, seed: int | None = None) -> None:
+        """Get ready for a new episode; ``seed`` of everything random in it."""
+
+    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+        """The action (3,) float32 after an observation (15,); only an oracle looks into ``info``."""
+        ...
+
+
+NAMES = MappingProxyType(
+    {
+        "random": "controllers.fixed:Random",
+        "fixed": "controllers.fixed:Fixed",
+        "rules": "controllers.rules:Rules",
+        "steady-oracle": "controllers.steady:SteadyOracle",
+    }
+)
+"""Where each controller lives."""
+
+
+def make(name: str, **settings: Any) -> Controller:
+    """A controller by its name.
+
+    Raises:
+        InputError: no such controller, or settings that it does not take.
+    """
+    module, kind = NAMES[choice("controller", name, tuple(NAMES))].split(":")
+    return cast(Controller, getattr(import_module(module), kind)(**settings))

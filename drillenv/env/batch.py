@@ -6,6 +6,7 @@ last bit.
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -113,6 +114,8 @@ class Batch:
         self.general: list[Any] = [None] * n
         self.threads = min(threads, -(-n // CHUNK))
         self._pool: ThreadPoolExecutor | None = None
+        self._pool_of = 0
+        """The process that the threads belong to."""
 
     def load(self, i: int, episode: Episode) -> None:
         """Put rig i at the start of an episode, at rest on fresh rock."""
@@ -146,8 +149,10 @@ class Batch:
         if self.threads <= 1:
             step_rigs(self.plants, 0, self.n, *arguments, *results)
             return
-        if self._pool is None:
+        if self._pool is None or self._pool_of != os.getpid():
+            # a process that was forked has the pool but not its threads
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="drillenv")
+            self._pool_of = os.getpid()
         work = [
             self._pool.submit(step_rigs, self.plants, first, min(first + CHUNK, self.n), *arguments, *results)
             for first in range(0, self.n, CHUNK)

@@ -58,18 +58,21 @@ def checked_actions(given: Any, shape: tuple[int, ...]) -> np.ndarray:
         InputError: another shape, not numbers, not finite, or outside [-1, 1] by more than float32's rounding.
     """
     try:
-        actions = np.asarray(given, dtype=np.float32)
+        actions = np.asarray(given)
     except (TypeError, ValueError):
-        raise InputError(f"action is {shown(given)}: give an array {shape} of numbers from -1 to 1") from None
+        actions = np.empty(0, dtype=object)
+    if actions.dtype.kind not in "fiu":
+        raise InputError(f"action is {shown(given)}: give an array {shape} of numbers from -1 to 1")
     if actions.shape != shape:
         raise InputError(f"action has the shape {actions.shape}: give an array {shape} of numbers from -1 to 1")
-    # one comparison catches what is too large and what is not a number
-    if not np.abs(actions).max() <= 1.00001:
+    # one comparison catches what is too large and what is not a number; the smallest whole number has no absolute value
+    if not np.abs(actions if actions.dtype.kind == "f" else actions.astype(float)).max() <= 1.00001:
         raise InputError(
             f"action is {shown(actions.tolist())}: give finite numbers from -1 to 1 "
             "(gymnasium.wrappers.ClipAction clips what a policy proposes)"
         )
-    return actions
+    # contiguous and writable, or the kernel would be compiled anew for arrays that are not
+    return np.array(actions, dtype=np.float32, order="C")
 
 
 def window_observation(window: np.ndarray, noise: np.ndarray, strength: float) -> np.ndarray:

@@ -132,7 +132,10 @@ def read_effects(record: object, where: str) -> dict[str, dict[str, float]]:
     for name, values in record.items():
         if not isinstance(values, Mapping) or not isinstance(name, str):
             raise InputError(f"{where}: effect {shown(name)} is {shown(values)}: give a record of its parameters")
-        make(name, **values)
+        try:
+            make(name, **values)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
     return {name: dict(values) for name, values in record.items()}
 
 

@@ -89,9 +89,9 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
         rate * (0.25 + 0.75 * strong_share) - 5 * excess - 0.002 * power
 
     - `rate`, the penetration rate in mm/s, is what drilling is for: 1 to 3 mm/s.
-    - `strong_share`, the share of the periods with one blow of at least 1 kN that repeats the one before within 10 %
-      (strong P-1-I-1). Progress made by multiple blows and chatter, which wear indenter and rig, is worth a quarter.
-      The threshold leaves out the weak P-1-I-1 of high pressure (below 0.8 kN).
+    - `strong_share`, the share of the periods with one blow that repeats the one before within 10 % (P-1-I-1), each
+      counted by its peak force over the rating of 2 kN, at most 1. Progress made by multiple blows and chatter, which
+      wear indenter and rig, is worth a quarter, and so, nearly, is that of the weak P-1-I-1 of high pressure (0.7 kN).
     - `excess`, the contact force above the rating of 2 kN, summed over the impacts of a period, in kN: the tool wears.
       100 N above the rating in every period cost 0.5 mm/s. Without this term one setting fits all rocks.
     - `power`, the mean power of the drive, 30 to 80 W, that is 0.06 to 0.16 mm/s.
@@ -184,8 +184,9 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
         Raises:
             InputError: unknown options.
         """
+        chosen = self.task.chosen(options)  # before the seed is taken, so that a bad option changes nothing
         super().reset(seed=seed)
-        episode = self.task.episode(self.np_random, options)
+        episode = self.task.episode(self.np_random, chosen)
         self._batch.load(0, episode)
         self._started = True
         observation, info = self._advance(REST, absolute=True)

@@ -109,8 +109,8 @@ class Task:
             return Box(low.copy(), high.copy(), shape, np.float32)
         return Box(table.LOW, table.HIGH, (table.SIZE,), np.float32)
 
-    def episode(self, rng: np.random.Generator, options: Mapping[str, Any] | None) -> Episode:
-        """The next episode: of the scenario (the one that ``options["episode"]`` names, else a random one) or drawn.
+    def chosen(self, options: Mapping[str, Any] | None) -> int | None:
+        """The episode of the scenario that ``options["episode"]`` names, None where it names none.
 
         Raises:
             InputError: unknown options, or no such episode.
@@ -122,6 +122,10 @@ class Task:
             if self.scenario is None:
                 raise InputError("options names an episode, but the environment has no scenario: give scenario= too")
             chosen = count("episode", value, 0, len(self.scenario.episodes[self.kind]) - 1)
+        return chosen
+
+    def episode(self, rng: np.random.Generator, chosen: int | None) -> Episode:
+        """The next episode: of the scenario (that of the number ``chosen``, else a random one) or drawn."""
         if self.scenario is not None:
             episodes = self.scenario.episodes[self.kind]
             return episodes[int(rng.integers(len(episodes))) if chosen is None else chosen]
@@ -159,6 +163,13 @@ def _rock(given: int | str | Mapping[str, float]) -> tuple[Rock, int]:
 
 
 def _path(name: str, given: object) -> Path:
-    if not isinstance(given, str | Path):
+    if not isinstance(given, str | Path) or "\0" in str(given):
         raise InputError(f"{name} is {shown(given)}: give the path of a file")
     return Path(given)
+
+
+def action_for(frequency: float, amplitude: float, pressure: float) -> np.ndarray:
+    """(3,) float32 the action that asks for a setting in Hz, V and bar in the mode "absolute", inside the ranges."""
+    middle, half = RANGES.mean(axis=1), 0.5 * (RANGES[:, 1] - RANGES[:, 0])
+    action = (np.array([frequency, amplitude, pressure], dtype=float) - middle) / half
+    return np.clip(action, -1.0, 1.0).astype(np.float32)

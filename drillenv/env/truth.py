@@ -34,8 +34,6 @@ from drillenv.env.plant import (
 
 SEEN = 50.0
 """The smallest impact in N that the load cell tells from its noise. Weaker taps are impacts to the label only."""
-STRONG = 1000.0
-"""The smallest peak in N of a strong blow, half the rating. The weak P-1-I-1 at high pressure stays below 0.8 kN."""
 REPEATS = 0.1
 """A blow repeats the last one where their peaks differ by less than this share."""
 LONGEST_PERIOD = 8
@@ -58,6 +56,7 @@ TRUTH = (
     "first_harmonic",
     "second_harmonic",
     "third_harmonic",
+    "single_share",
     "strong_share",
     "force_excess",
     "drive_power",
@@ -73,7 +72,7 @@ TRUTH = (
     "layer",
     "depth",
 )
-"""The columns of a row of truth. In mm/s; 1; 1; 1; N, N, N; 1; four in m/s^2; 1; N; W, W; P-n-I-m as n and m (0 where
+"""The columns of a row of truth. In mm/s; 1; 1; 1; N, N, N; 1; four in m/s^2; 1, 1; N; W, W; P-n-I-m as n and m (0 where
 the motion did not repeat); Hz, V, bar, bar; N/m, N/m; 1; mm."""
 (
     T_RATE,
@@ -88,6 +87,7 @@ the motion did not repeat); Hz, V, bar, bar; N/m, N/m; 1; mm."""
     _T_FIRST,
     _T_SECOND,
     _T_THIRD,
+    T_SINGLE,
     T_STRONG,
     T_EXCESS,
     T_DRIVE,
@@ -175,7 +175,7 @@ def summarise(sums, peaks, turns, rating: float, cycles, layers, memory, truth):
     layers, memory, truth = borrowed(layers), borrowed(memory), borrowed(truth)
     kept = int(sums[S_KEPT])
     duration = sums[S_CYCLES]
-    seen, total, squares, largest, excess, strong = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    seen, total, squares, largest, excess, single, strong = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     last_turns, last_peak = memory[LAST_TURNS], memory[LAST_PEAK]
     for j in range(kept):
         force, when = peaks[j, 1], turns + peaks[j, 0]
@@ -186,8 +186,9 @@ def summarise(sums, peaks, turns, rating: float, cycles, layers, memory, truth):
         largest = max(largest, force)
         excess += max(0.0, force - rating)
         alone = 0.75 < when - last_turns < 1.25
-        if alone and force >= STRONG and abs(force - last_peak) <= REPEATS * max(force, last_peak):
-            strong += 1.0
+        if alone and abs(force - last_peak) <= REPEATS * max(force, last_peak):
+            single += 1.0
+            strong += min(1.0, force / rating)
         last_turns, last_peak = when, force
     memory[LAST_TURNS], memory[LAST_PEAK] = last_turns, last_peak
     mean = total / seen if seen > 0.0 else 0.0
@@ -213,6 +214,7 @@ def summarise(sums, peaks, turns, rating: float, cycles, layers, memory, truth):
     for harmonic in range(HARMONICS):
         at = S_WAVES + 2 * harmonic
         truth[T_HALF + harmonic] = math.sqrt(sums[at] ** 2 + sums[at + 1] ** 2)
+    truth[T_SINGLE] = min(1.0, single / duration)
     truth[T_STRONG] = min(1.0, strong / duration)
     truth[T_EXCESS] = excess / duration
     truth[T_DRIVE] = sums[S_DRIVE] / INTERVAL

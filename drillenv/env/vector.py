@@ -99,7 +99,7 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Args:
             seed: One for all (rig i gets seed + i), one for each, or None.
             options: ``reset_mask`` (n,) bool: which rigs to reset, all where left out; ``episode``: of the scenario,
-                one for all rigs or a sequence of n.
+                one for all rigs or a sequence of n, None in it leaves one to chance.
 
         Returns:
             Observations (n, ...) and the infos of the rigs that were reset.
@@ -109,9 +109,10 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         options = dict(options or {})
         mask = self._mask(options.pop("reset_mask", None))
-        each = self._options_of_each(options)
+        # checked before the seeds are taken, so that a bad option changes nothing
+        chosen = [self.task.chosen(each) for each in self._options_of_each(options)]
         self._seed(self._seeds_of_each(seed), mask)
-        self._restart(mask, each)
+        self._restart(mask, chosen)
         return self._observations.copy(), self._infos(mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -211,15 +212,17 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return [int(seed) + i for i in range(self.num_envs)]
         if not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs:
             raise InputError(f"seed is {shown(seed)}: give a whole number, or one for each of {self.num_envs} rigs")
-        return [None if each is None else int(each) for each in seed]
+        return [int(each) if isinstance(each, np.integer) else each for each in seed]
 
     def _options_of_each(self, options: Mapping[str, Any]) -> list[dict[str, Any] | None]:
         episodes = options.get("episode")
-        if isinstance(episodes, Sequence | np.ndarray) and not isinstance(episodes, str):
+        if isinstance(episodes, np.ndarray):
+            episodes = episodes.tolist()
+        if isinstance(episodes, Sequence) and not isinstance(episodes, str):
             if len(episodes) != self.num_envs:
                 raise InputError(f"{len(episodes)} episodes for {self.num_envs} rigs: give one, or one for each")
             rest = {key: value for key, value in options.items() if key != "episode"}
-            return [rest | {"episode": int(each)} for each in episodes]
+            return [rest if each is None else rest | {"episode": each} for each in episodes]
         return [dict(options) or None] * self.num_envs
 
     def _seed(self, seeds: list[int | None], mask: np.ndarray) -> None:
@@ -228,16 +231,15 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             made = [seeding.np_random(seed) for seed in seeds]
             self._generators, self._seeds = [each for each, _ in made], [seed for _, seed in made]
             return
-        for i in np.flatnonzero(mask):
-            if seeds[i] is not None:
-                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+        # all made before any is taken, so that a bad seed leaves all rigs as they were
+        anew = {i: seeding.np_random(seeds[i]) for i in np.flatnonzero(mask).tolist() if seeds[i] is not None}
+        for i, (generator, seed) in anew.items():
+            self._generators[i], self._seeds[i] = generator, seed
 
-    def _restart(self, which: np.ndarray, options: Sequence[Mapping[str, Any] | None]) -> None:
-        """Draw episodes for the rigs marked and run their first interval."""
-        # drawn before anything is changed, so that a bad option leaves all rigs as they were
-        drawn = {i: self.task.episode(self._generators[i], options[i]) for i in np.flatnonzero(which).tolist()}
-        for i, episode in drawn.items():
-            self._batch.load(i, episode)
+    def _restart(self, which: np.ndarray, chosen: Sequence[int | None]) -> None:
+        """Draw episodes for the rigs marked, or take those chosen, and run their first interval."""
+        for i in np.flatnonzero(which).tolist():
+            self._batch.load(i, self.task.episode(self._generators[i], chosen[i]))
         self._advance(which, np.broadcast_to(REST, (self.num_envs, 3)).copy(), absolute=True)
         self._elapsed[which], self._started[which], self._done[which] = 0, True, False
 

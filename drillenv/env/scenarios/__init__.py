@@ -60,6 +60,8 @@ def _read(file: Path) -> Scenario:
         if file.stat().st_size > LARGEST_FILE:
             raise InputError(f"scenario {file} is larger than {LARGEST_FILE} bytes: give a set of episodes")
         record = json.loads(file.read_text(encoding="utf-8"))
+    except InputError:
+        raise  # a ValueError too
     except OSError as error:
         raise InputError(f"scenario {file} cannot be read ({error.strerror}): give a readable file") from None
     except (ValueError, RecursionError):
