@@ -1,0 +1,1 @@
+"""When recordings and simulation differ: where, why, and by which physics."""

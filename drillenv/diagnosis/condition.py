@@ -1,0 +1,230 @@
+"""From a recording to what the fit starts from: the excitation's phase, the noise, and windows with a first guess.
+
+The motion is nonsmooth and partly chaotic, so no long run is ever fitted. A recording is cut into windows of about one
+excitation period, each beginning while the indenter is off the rock. The state at the beginning of a window is first
+read from the measurements themselves: the spring from the structure driven by the measured force, the indenter's speed
+from the measured acceleration back from the next force peak, where it is zero, and its distance to the rock from that
+speed back from the moment at which the force sets in. None of these needs the contact law.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import cont2discrete, lfilter
+
+from drillenv.checks import InputError
+from drillenv.recordings import Recording
+from drillenv.rig import Rig, Setting
+
+SHORTEST_FLIGHT = 8
+"""Samples off the rock between which a window may begin."""
+WINDOW = 0.8
+"""Excitation periods that a window has at least."""
+TOUCH = 6.0
+"""Standard deviations of the force's noise above which the indenter is on the rock."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conditioned:
+    """A recording of the drilling rig, ready to be fitted. Arrays of samples have shape (n,)."""
+
+    name: str
+    setting: Setting
+    fresh: bool
+    rate: float
+    """Samples a second."""
+    force: np.ndarray
+    """N."""
+    acceleration: np.ndarray
+    """m/s^2."""
+    excitation: np.ndarray
+    """V."""
+    omega: float
+    """rad/s, of the measured excitation."""
+    phase: float
+    """rad, at the first sample."""
+    amplitude: float
+    """V, of the measured excitation."""
+    noise_force: float
+    """Standard deviation of the white noise in N."""
+    noise_acceleration: float
+    """In m/s^2."""
+    noise_excitation: float
+    starts: np.ndarray
+    """(windows + 1,) samples at which windows begin, and where the last one ends."""
+    states: np.ndarray
+    """(windows, 4) first guess of y, v1, v2, w at the beginning of each window."""
+
+
+def white_noise(signal: np.ndarray) -> float:
+    """Standard deviation of the white noise on a signal, from the median of its fourth differences.
+
+    The median passes over the samples at which the signal itself turns quickly; a signal that is slow against the
+    sample rate leaves next to nothing in fourth differences.
+    """
+    return float(np.median(np.abs(np.diff(signal, 4))) / (0.674490 * math.sqrt(70.0)))
+
+
+def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[float, float, float]:
+    """Frequency in rad/s, phase in rad at the first sample and amplitude of a sine in a signal.
+
+    Raises:
+        InputError: the signal holds no sine near this frequency.
+    """
+    time = np.arange(signal.size) / rate
+
+    def parts(omega: float) -> tuple[np.ndarray, np.ndarray]:
+        basis = np.column_stack([np.sin(omega * time), np.cos(omega * time), np.ones_like(time)])
+        return basis, np.linalg.lstsq(basis, signal, rcond=None)[0]
+
+    def misfit(scaled: np.ndarray) -> np.ndarray:
+        basis, weights = parts(2 * math.pi * frequency * (1 + scaled[0] * 1e-4))
+        return signal - basis @ weights
+
+    # at 0.5 s a tenth of a period is 0.2 % of 100 Hz; more than that would be another setting
+    found = least_squares(misfit, [0.0], bounds=([-60.0], [60.0]), x_scale=1.0)
+    omega = 2 * math.pi * frequency * (1 + found.x[0] * 1e-4)
+    _basis, (sine, cosine, _level) = parts(omega)
+    amplitude = math.hypot(sine, cosine)
+    if amplitude <= 5 * float(np.std(misfit(found.x))) / math.sqrt(signal.size / 2):
+        raise InputError(f"the excitation holds no sine near {frequency:g} Hz: check the channel and the setting")
+    return omega, math.atan2(cosine, sine), amplitude
+
+
+def spring_from_force(
+    rig: Rig, setting: Setting, force: np.ndarray, acceleration: np.ndarray, angle: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """y in m and y' in m/s at each sample, of the structure driven by the measured force.
+
+    The relative motion of the two masses is damped out within 0.1 s, whatever the indenter does; where it began is
+    what makes the predicted acceleration fit best.
+    """
+    k, c, m1, m2 = rig.stiffness, rig.damping, rig.shaker_mass, rig.indenter_mass
+    mass = m1 * m2 / (m1 + m2)
+    flow = np.array([[0.0, 1.0], [-k / mass, -c / mass]])
+    push = rig.static_force(setting) / m1 - (rig.drive_force(setting) * np.sin(angle) - force) / m2
+    system = cont2discrete((flow, np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1))), 1 / rate, method="foh")
+    a, b, d = system[0], system[1][:, 0], system[3][:, 0]
+    # (z - A)^-1 b + d of a 2x2 system as two filters with one denominator
+    denominator = np.array([1.0, -np.trace(a), np.linalg.det(a)])
+    swap = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
+    driven = [
+        lfilter(np.array([d[i], b[i] + d[i] * denominator[1], d[i] * denominator[2] - (swap @ b)[i]]), denominator, push)
+        for i in range(2)
+    ]
+    values, vectors = np.linalg.eig(a)
+    steps = np.arange(force.size)
+    free = np.real(vectors[:, :, None] * values[None, :, None] ** steps[None, None, :])
+    if np.iscomplexobj(values):
+        first = vectors[:, :1, None] * values[None, :1, None] ** steps[None, None, :]
+        free = np.concatenate([first.real, first.imag], axis=1)
+    lacking = acceleration - (rig.drive_force(setting) * np.sin(angle) + k * driven[0] + c * driven[1] - force) / m2
+    shape = (k * free[0] + c * free[1]) / m2
+    first_steps = slice(0, min(force.size, int(0.15 * rate)))
+    weights = np.linalg.lstsq(shape[:, first_steps].T, lacking[first_steps], rcond=None)[0]
+    return driven[0] + weights @ free[0], driven[1] + weights @ free[1]
+
+
+def contacts(force: np.ndarray, noise: float) -> np.ndarray:
+    """(m, 2) first sample on the rock and first sample off it again, for each contact that the force shows."""
+    on = force > TOUCH * noise
+    # a single quiet sample within a contact, or a single loud one in flight, is noise
+    on = on & (np.roll(on, 1) | np.roll(on, -1))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
+    return edges.reshape(-1, 2)
+
+
+def condition(recording: Recording, rig: Rig) -> Conditioned:
+    """Prepare a recording of the drilling rig.
+
+    Raises:
+        InputError: it lacks a setting or a channel, has samples that are no numbers, no excitation or no contact.
+    """
+    setting = recording.setting
+    missing = [name for name in ("excitation", "force", "acceleration") if name not in recording.channels]
+    if setting is None or missing:
+        raise InputError(f"{recording.name}: lacks {', '.join(missing) or 'a setting'}: record it to have it diagnosed")
+    excitation, force, acceleration = (
+        np.ascontiguousarray(recording.channels[name].samples) for name in ("excitation", "force", "acceleration")
+    )
+    if not all(np.isfinite(each).all() for each in (excitation, force, acceleration)):
+        raise InputError(f"{recording.name}: holds samples that are no numbers: leave the recording out")
+    rate = recording.sample_rate
+    omega, phase, amplitude = fit_excitation(excitation, rate, setting.frequency)
+    angle = phase + omega * np.arange(force.size) / rate
+    noise = max(white_noise(force), 1e-6), max(white_noise(acceleration), 1e-6)
+    y, closing = spring_from_force(rig, setting, force, acceleration, angle, rate)
+    touches = contacts(force, noise[0])
+    if len(touches) < 3:
+        raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")
+    fresh = recording.starts == "fresh"
+    starts = window_starts(touches, force.size, WINDOW * 2 * math.pi / omega * rate, fresh)
+    states = np.array(
+        [_state_at(int(s), touches, force, acceleration, rate, y, closing, noise[0]) for s in starts[:-1]]
+    )
+    if fresh and starts[0] == 0:
+        states[0] = rig.static_force(setting) / rig.stiffness, 0.0, 0.0, 0.0
+    return Conditioned(
+        recording.name,
+        setting,
+        fresh,
+        rate,
+        force,
+        acceleration,
+        excitation,
+        omega,
+        phase,
+        amplitude,
+        noise[0],
+        noise[1],
+        max(white_noise(excitation), 1e-9),
+        starts,
+        states,
+    )
+
+
+def window_starts(touches: np.ndarray, size: int, shortest: float, fresh: bool) -> np.ndarray:
+    """Samples at which windows begin, each in the middle of a flight, and where the last one ends."""
+    flights = np.column_stack([np.concatenate([[0], touches[:-1, 1]]), touches[:, 0]])
+    flights = flights[flights[:, 1] - flights[:, 0] >= SHORTEST_FLIGHT]
+    # near the end of the flight: what is left of it is read back from the coming contact
+    middles = flights[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, (flights[:, 1] - flights[:, 0]) // 3)
+    chosen = [0] if fresh else []
+    for middle in middles.tolist():
+        if not chosen or middle - chosen[-1] >= shortest:
+            chosen.append(int(middle))
+    last = int(touches[-1, 1])
+    end = min(size, last + SHORTEST_FLIGHT)
+    if len(chosen) > 1 and end - chosen[-1] < 0.3 * shortest:
+        chosen.pop()
+    return np.array([*chosen, end])
+
+
+def _state_at(s: int, touches, force, acceleration, rate: float, y, closing, noise: float) -> tuple[float, ...]:
+    """y, v1, v2, w at sample s, off the rock, from the contact that comes next."""
+    step = 1.0 / rate
+    coming = touches[np.searchsorted(touches[:, 0], s)]
+    peak = int(coming[0] + np.argmax(force[coming[0] : coming[1]]))
+    # speed at every sample from s to the peak, zero at the peak
+    gained = np.concatenate([[0.0], np.cumsum(0.5 * (acceleration[s:peak] + acceleration[s + 1 : peak + 1])) * step])
+    offset = _peak_offset(force, peak) * step * acceleration[peak]
+    speed = gained - gained[-1] - offset
+    first = int(coming[0])
+    slope = max(force[min(first + 1, force.size - 1)] - force[first - 1], noise)
+    onset = first - min(2.0, 2.0 * force[first] / slope)
+    place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1])) * step])
+    w = -float(np.interp(onset - s, np.arange(place.size), place))
+    return float(y[s]), float(closing[s] + speed[0]), float(speed[0]), min(w, 0.0)
+
+
+def _peak_offset(force: np.ndarray, peak: int) -> float:
+    """Where the top of the force lies, in samples from its largest one."""
+    if not 0 < peak < force.size - 1:
+        return 0.0
+    before, at, after = force[peak - 1 : peak + 2]
+    bend = before - 2 * at + after
+    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0

@@ -1,0 +1,290 @@
+"""Fitting constants and effects to all recordings at once: Gauss and Newton over the quadratics of shooting.py."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drillenv.checks import InputError
+from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.shooting import (
+    JOIN,
+    Physics,
+    Prediction,
+    Quadratic,
+    predict,
+    quadratic,
+    settle_states,
+    split_effects,
+    state_slopes,
+    window_costs,
+    with_constants,
+)
+from drillenv.dynamics.effects import Chosen, make
+from drillenv.dynamics.survey import allowed_cores
+from drillenv.rig import Rig
+from drillenv.rocks import Rock
+
+CONSTANTS = (
+    "shaker_mass",
+    "indenter_mass",
+    "stiffness",
+    "damping",
+    "drive_gain",
+    "pressure_gain",
+    "loading_stiffness",
+    "unloading_stiffness",
+)
+STEP = 0.02
+"""Standard deviations by which a constant is moved for its derivative."""
+CONVERGED = 0.3
+"""A round that lowers half the sum of squares by less than this ends a stage."""
+
+
+class Stage(NamedTuple):
+    """A part of a fit."""
+
+    loose: float
+    """Factor on the width of the joints between windows."""
+    settle: int
+    """Rounds in which each window's state is fitted on its own after every step of the parameters; 0 for none."""
+    rounds: int
+    """Steps of the parameters at most."""
+
+
+FROM_AFAR = (Stage(1e4, 8, 6), Stage(10.0, 0, 4), Stage(1.0, 0, 8))
+"""From first guesses: the joints come last, when the constants are nearly right."""
+NEARBY = (Stage(1.0, 0, 8),)
+"""From a fit of nearly the same hypothesis."""
+
+
+class Parameter(NamedTuple):
+    """An unknown of the fit besides the windows' states."""
+
+    name: str
+    """A constant, or effect and symbol as in "contact-rate chi"."""
+    value: float
+    """Where it starts: nominal for a constant."""
+    width: float
+    """Unit in which it is counted: the prior's standard deviation for a constant, a typical strength for an effect."""
+    prior: float
+    """Weight of the prior: 1 over the square of its standard deviation in widths, 0 for none."""
+    low: float = -np.inf
+    high: float = np.inf
+
+
+class Hypothesis(NamedTuple):
+    """Constants and effects to fit: the plain model where there are no effects."""
+
+    constants: tuple[Parameter, ...]
+    effects: tuple[tuple[str, tuple[tuple[str, float], ...], tuple[Parameter, ...]], ...] = ()
+    """(effect, parameters held at a value, parameters to fit)."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All unknowns in order."""
+        return self.constants + tuple(each for _name, _held, free in self.effects for each in free)
+
+    def physics(self, values: np.ndarray) -> Physics:
+        """The model at values (p,) of the parameters."""
+        names = [each.name for each in self.constants]
+        base = with_constants(Physics(Rig(), Rock(1e7, 1e7)), names, list(values[: len(names)]))
+        at = len(names)
+        chosen: list[Chosen] = []
+        for name, held, free in self.effects:
+            symbols = dict(held)
+            for each in free:
+                symbols[each.name.split(" ")[1]] = float(values[at])
+                at += 1
+            chosen.append(make(name, **symbols))
+        motion, sensors = split_effects(chosen)
+        return base._replace(motion=motion, sensors=sensors)
+
+
+@dataclass(slots=True, eq=False)
+class Fit:
+    """A fitted hypothesis."""
+
+    hypothesis: Hypothesis
+    values: np.ndarray
+    """(p,) of the parameters."""
+    states: list[np.ndarray]
+    """(windows, 4) of each recording."""
+    predictions: list[Prediction]
+    quadratics: list[Quadratic]
+    """About the values, in widths."""
+    slopes: list[tuple[np.ndarray, np.ndarray]]
+    columns: list[tuple[np.ndarray, np.ndarray]]
+    """(p, 2, n) and (p, windows, 4) of each recording: answers to the parameters."""
+    cost: float
+    """Half the sum of squares with the priors."""
+    rounds: int
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(p, p) of the parameters, in their own units."""
+        total = sum_quadratics(self.quadratics)[1] + np.diag([each.prior for each in self.hypothesis.parameters])
+        widths = np.array([each.width for each in self.hypothesis.parameters])
+        return np.linalg.pinv(total, hermitian=True) * widths[:, None] * widths[None, :]
+
+
+def sum_quadratics(parts: Sequence[Quadratic]) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient and curvature of all recordings together."""
+    return np.sum([each.gradient for each in parts], axis=0), np.sum([each.curvature for each in parts], axis=0)
+
+
+class Workers:
+    """Threads over recordings: the kernels hold no lock."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(allowed_cores())
+
+    def each(self, work: Callable[..., Any], *lists: Sequence[Any]) -> list[Any]:
+        """``work`` of every recording."""
+        return list(self._pool.map(work, *lists))
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self._pool.shutdown()
+
+
+def scaled_change(data: Conditioned, moved: Prediction, base: Prediction, step: float):
+    """(2, n) change of the scaled channels and (windows, 4) of the ends, per ``step``."""
+    return (
+        np.stack(
+            [
+                (moved.force - base.force) / (data.noise_force * step),
+                (moved.acceleration - base.acceleration) / (data.noise_acceleration * step),
+            ]
+        ),
+        (moved.ends - base.ends) / step,
+    )
+
+
+def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, values: np.ndarray, base: Prediction):
+    """Answers of one recording to every parameter, per width."""
+    parameters = hypothesis.parameters
+    channels = np.empty((len(parameters), 2, data.force.size))
+    ends = np.empty((len(parameters), len(states), 4))
+    for j, each in enumerate(parameters):
+        step = STEP if values[j] + STEP * each.width <= each.high else -STEP
+        moved = values.copy()
+        moved[j] += step * each.width
+        channels[j], ends[j] = scaled_change(data, predict(data, states, hypothesis.physics(moved)), base, step)
+    return channels, ends
+
+
+def plain_cost(data: Conditioned, states: np.ndarray, guess: np.ndarray, made: Prediction, join: np.ndarray) -> float:
+    """Half the sum of squares of one recording at these states."""
+    gaps = (made.ends[:-1, :2] - states[1:, :2]) / join
+    return float(window_costs(data, states, guess, made).sum()) + 0.5 * float((gaps**2).sum())
+
+
+def fit(
+    recordings: Sequence[Conditioned],
+    hypothesis: Hypothesis,
+    workers: Workers,
+    values: np.ndarray | None = None,
+    states: Sequence[np.ndarray] | None = None,
+    stages: Sequence[Stage] = FROM_AFAR,
+    note: Callable[[str], object] | None = None,
+) -> Fit:
+    """Fit a hypothesis.
+
+    Args:
+        recordings: The recordings.
+        hypothesis: Constants and effects.
+        workers: Threads.
+        values, states: To start from; nominal and the first guesses where left out.
+        stages: How to come to the end.
+        note: Told what each round reached.
+
+    Raises:
+        InputError: the motion of a recording cannot be followed from its first guess.
+    """
+    parameters = hypothesis.parameters
+    widths = np.array([each.width for each in parameters])
+    centre = np.array([each.value for each in parameters])
+    prior = np.array([each.prior for each in parameters])
+    low, high = np.array([each.low for each in parameters]), np.array([each.high for each in parameters])
+    at = centre.copy() if values is None else np.array(values, dtype=float)
+    guess = [data.states for data in recordings]
+    now = [each.copy() for each in (guess if states is None else states)]
+    taken = 0
+    made: list[Prediction] = []
+    parts: list[Quadratic] = []
+    slopes: list = []
+    columns: list = []
+    cost = np.inf
+
+    def look(stage: Stage) -> None:
+        """Slopes and quadratics where the fit stands."""
+        nonlocal slopes, columns, parts
+        physics, join = hypothesis.physics(at), JOIN * stage.loose
+        slopes = workers.each(lambda data, own, base: state_slopes(data, own, physics, base), recordings, now, made)
+        columns = workers.each(
+            lambda data, own, base: columns_for(data, own, hypothesis, at, base), recordings, now, made
+        )
+        parts = [
+            quadratic(data, own, first, base, slope, *column, join)
+            for data, own, first, base, slope, column in zip(recordings, now, guess, made, slopes, columns, strict=True)
+        ]
+
+    def cost_at(point: np.ndarray, placed: Sequence[np.ndarray], said: Sequence[Prediction], stage: Stage) -> float:
+        pieces = [plain_cost(*each, JOIN * stage.loose) for each in zip(recordings, placed, guess, said, strict=True)]
+        return sum(pieces) + 0.5 * float(prior @ ((point - centre) / widths) ** 2)
+
+    def stand(point: np.ndarray, placed: Sequence[np.ndarray], stage: Stage):
+        """States and predictions at values of the parameters."""
+        physics = hypothesis.physics(point)
+        if stage.settle:
+            done = workers.each(
+                lambda data, own, first: settle_states(data, own, first, physics, stage.settle),
+                recordings,
+                placed,
+                guess,
+            )
+            return [each[0] for each in done], [each[1] for each in done]
+        return list(placed), workers.each(lambda data, own: predict(data, own, physics), recordings, placed)
+
+    for stage in stages:
+        now, made = stand(at, now, stage)
+        cost = cost_at(at, now, made, stage)
+        for _ in range(stage.rounds):
+            look(stage)
+            gradient, curvature = sum_quadratics(parts)
+            away = (at - centre) / widths
+            step = np.linalg.solve(curvature + np.diag(prior + 1e-9), gradient - prior * away)
+            share, found = 1.0, None
+            while share > 0.02 and found is None:
+                point = np.clip(at + share * step * widths, low, high)
+                moved = (point - at) / widths
+                placed = [
+                    own + (share * part.moves - part.answers @ moved).reshape(-1, 4)
+                    for own, part in zip(now, parts, strict=True)
+                ]
+                for each in placed:
+                    each[:, 3] = np.minimum(each[:, 3], 0.0)
+                try:
+                    placed, said = stand(point, placed, stage)
+                    trial = cost_at(point, placed, said, stage)
+                    if trial < cost:
+                        found = point, placed, said, trial
+                except InputError:
+                    pass
+                share *= 0.4
+            if found is None:
+                break
+            gained = cost - found[3]
+            at, now, made, cost = found
+            taken += 1
+            if note is not None:
+                note(f"round {taken}: {cost:.1f}")
+            if gained < CONVERGED:
+                break
+    look(stages[-1])
+    return Fit(hypothesis, at, now, made, parts, slopes, columns, cost, taken)

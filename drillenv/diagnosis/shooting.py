@@ -1,0 +1,305 @@
+"""Multiple shooting: the model on a recording, window by window, and how it answers to everything it depends on.
+
+Each window runs the closed loop, rock, structure and drive, from a state of its own over one or two impacts, which is
+as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (y and v1),
+which does not notice single impacts, must join from window to window. What a misfit and its derivatives say about the
+constants and effects is kept as one quadratic for each recording, with the states eliminated, so that refits,
+left-out recordings and thousands of bootstrap samples cost next to nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from drillenv.checks import InputError
+from drillenv.diagnosis.condition import Conditioned
+from drillenv.dynamics.effects import Channels, Chosen
+from drillenv.diagnosis.plain import run_windows
+from drillenv.dynamics.exact import STATE_SIZE
+from drillenv.dynamics.exact import make_scratch as exact_scratch
+from drillenv.dynamics.flow import FREE, make_model, set_drive
+from drillenv.dynamics.general import DONE, OWN, V1, V2, W, Y, integrate, make_scratch, model_for
+from drillenv.dynamics.sensors import in_order
+from drillenv.rig import Rig
+from drillenv.rocks import Rock
+
+RTOL = 1e-8
+STATE_STEPS = np.array([1e-6, 1e-5, 1e-5, 2e-8])
+"""By how much y (m), v1, v2 (m/s) and w (m) are moved to see how a window answers."""
+JOIN = np.array([5e-6, 5e-4])
+"""Standard deviations with which y (m) and v1 (m/s) join from window to window: what a structure might do beside the
+model without being noticed in one window."""
+GUESS = np.array([1e-2, 1e-1, 1e-1, 5e-4])
+"""Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
+
+
+class Physics(NamedTuple):
+    """What drives the simulation of all recordings."""
+
+    rig: Rig
+    rock: Rock
+    motion: tuple[Chosen, ...] = ()
+    """Effects that act on the motion."""
+    sensors: tuple[Chosen, ...] = ()
+    """Effects that misreport channels."""
+
+
+class Prediction(NamedTuple):
+    """What a model says of one recording."""
+
+    excitation: np.ndarray
+    force: np.ndarray
+    acceleration: np.ndarray
+    """(n,) in V, N, m/s^2; samples outside the windows are left out of everything."""
+    ends: np.ndarray
+    """(windows, 4) y, v1, v2, w at the end of each window."""
+
+
+def split_effects(effects: Sequence[Chosen]) -> tuple[tuple[Chosen, ...], tuple[Chosen, ...]]:
+    """Effects on the motion and effects on the sensors."""
+    motion = tuple(each for each in effects if each.effect.measure is None)
+    return motion, tuple(each for each in effects if each.effect.measure is not None)
+
+
+def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float = RTOL) -> Prediction:
+    """The model over all windows of a recording, each from its own state (windows, 4).
+
+    Extra states of effects go on from window to window; at the beginning a rig that was running has long met its rock.
+
+    Raises:
+        InputError: the motion could not be followed.
+    """
+    if data.fresh:
+        states = states.copy()
+        states[0] = physics.rig.static_force(data.setting) / physics.rig.stiffness, 0.0, 0.0, 0.0
+    if not physics.motion:
+        return sensed(data, physics, *_plain(data, states, physics))
+    setting = data.setting
+    model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
+    model = model._replace(omega=data.omega)
+    z = np.zeros(model.tally + 4 + len(physics.motion))
+    z[OWN : model.tally] = extra_start(physics.motion, data.fresh, setting.frequency)
+    scratch = make_scratch(z.size, len(physics.motion))
+    n = data.force.size
+    force, acceleration = np.zeros(n), np.zeros(n)
+    ends = np.empty((len(states), 4))
+    columns = 8 + model.tally - OWN
+    regime = FREE
+    for k, (first, after) in enumerate(zip(data.starts[:-1].tolist(), data.starts[1:].tolist(), strict=True)):
+        z[[Y, V1, V2, W]] = states[k]
+        z[W] = min(z[W], 0.0)
+        count = after - first
+        samples = np.zeros((count, columns))
+        phase = math.fmod(data.phase + data.omega * first / data.rate, 2 * math.pi)
+        status, _reached, regime, *_rest = integrate(
+            model, phase, z, FREE, count / data.rate, data.rate, samples, rtol, scratch
+        )
+        if status != DONE or not np.isfinite(z[:4]).all():
+            raise InputError(f"{data.name}: the motion could not be followed from sample {first}")
+        force[first:after], acceleration[first:after] = samples[:, 5], samples[:, 4]
+        ends[k] = z[[Y, V1, V2, W]]
+    return sensed(data, physics, force, acceleration, ends)
+
+
+def _plain(data: Conditioned, states: np.ndarray, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Force, acceleration and ends of the paper's model."""
+    model = make_model(physics.rig, physics.rock, data.setting)
+    drive = physics.rig.drive_force(data.setting)
+    set_drive(data.omega, drive, physics.rig.static_force(data.setting), model)
+    force, acceleration = np.zeros(data.force.size), np.zeros(data.force.size)
+    ends, placed = np.empty((len(states), 4)), np.array(states)
+    placed[:, 3] = np.minimum(placed[:, 3], 0.0)
+    room, scratch = np.zeros((2, STATE_SIZE)), exact_scratch()
+    run_windows(model, placed, data.starts, data.phase, data.rate, room, scratch, force, acceleration, ends)
+    return force, acceleration, ends
+
+
+def sensed(data: Conditioned, physics: Physics, force: np.ndarray, acceleration: np.ndarray, ends: np.ndarray):
+    """What the sensors make of the true force and acceleration."""
+    excitation = data.amplitude * np.sin(data.phase + data.omega * np.arange(data.force.size) / data.rate)
+    if physics.sensors:
+        true = Channels(data.rate, 0.0, excitation, force, acceleration, data.fresh)
+        read = true
+        for chosen in in_order(physics.sensors):
+            assert chosen.effect.measure is not None
+            read = chosen.effect.measure(true, read, chosen.values)
+        excitation, force, acceleration = read.excitation, read.force, read.acceleration
+    return Prediction(excitation, force, acceleration, ends)
+
+
+def extra_start(effects: Sequence[Chosen], fresh: bool, frequency: float) -> list[float]:
+    """Extra states at the beginning of a recording, in the order in which the engine holds them.
+
+    All are 0 but the impacts that a running rig has made on its face: it had been running for a second at least, at one
+    impact a period at least.
+    """
+    ordered = sorted(effects, key=lambda each: each.effect.comes_last)
+    made = 0.0 if fresh else frequency
+    return [made if extra.symbol.startswith("N") else 0.0 for each in ordered for extra in each.effect.extras]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quadratic:
+    """Half the sum of squares of one recording over the parameters, about where it was taken: c - g.x + x.H.x / 2."""
+
+    value: float
+    gradient: np.ndarray
+    """(p,)."""
+    curvature: np.ndarray
+    """(p, p)."""
+    samples: int
+    moves: np.ndarray
+    """(windows * 4,) the step of the states at x = 0."""
+    answers: np.ndarray
+    """(windows * 4, p) how the best states move with the parameters."""
+
+
+def residual(data: Conditioned, made: Prediction) -> np.ndarray:
+    """(2, n) measured less predicted force and acceleration, over their noise; 0 outside the windows."""
+    inside = np.zeros(data.force.size, dtype=bool)
+    inside[data.starts[0] : data.starts[-1]] = True
+    return np.stack(
+        [
+            np.where(inside, data.force - made.force, 0.0) / data.noise_force,
+            np.where(inside, data.acceleration - made.acceleration, 0.0) / data.noise_acceleration,
+        ]
+    )
+
+
+def state_slopes(
+    data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction
+) -> tuple[np.ndarray, np.ndarray]:
+    """How each window answers to its own state: (4, 2, n) of the scaled channels and (4, windows, 4) of its end."""
+    channels, ends = np.empty((4, 2, data.force.size)), np.empty((4, len(states), 4))
+    for j in range(4):
+        moved = states.copy()
+        # away from the rock, so that a window never begins inside it
+        step = -STATE_STEPS[j] if j == 3 else STATE_STEPS[j]
+        moved[:, j] += step
+        made = predict(data, moved, physics)
+        channels[j, 0] = (made.force - base.force) / (step * data.noise_force)
+        channels[j, 1] = (made.acceleration - base.acceleration) / (step * data.noise_acceleration)
+        ends[j] = (made.ends - base.ends) / step
+    return channels, ends
+
+
+def quadratic(
+    data: Conditioned,
+    states: np.ndarray,
+    guess: np.ndarray,
+    base: Prediction,
+    slopes: tuple[np.ndarray, np.ndarray],
+    columns: np.ndarray,
+    ends: np.ndarray,
+    join: np.ndarray = JOIN,
+) -> Quadratic:
+    """Eliminate the states of the windows.
+
+    Args:
+        data, states, base: The recording, its states (windows, 4) and what the model says.
+        guess: (windows, 4) the first guess of the states, a weak prior.
+        slopes: From :func:`state_slopes`.
+        columns: (p, 2, n) how the scaled channels answer to the parameters.
+        ends: (p, windows, 4) how the windows' ends answer to them.
+    """
+    left = residual(data, base)
+    channels, answers = slopes
+    windows, p = len(states), len(columns)
+    size = 4 * windows
+    a = np.zeros((size, size))
+    b = np.zeros((size, p))
+    g = np.zeros(size)
+    for k in range(windows):
+        piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
+        own = channels[:, :, piece].reshape(4, -1)
+        at = slice(4 * k, 4 * k + 4)
+        a[at, at] += own @ own.T
+        g[at] += own @ left[:, piece].reshape(-1)
+        if p:
+            b[at] += own @ columns[:, :, piece].reshape(p, -1).T
+        a[at, at] += np.diag(GUESS**-2.0)
+        g[at] += (guess[k] - states[k]) * GUESS**-2.0
+    flat = columns.reshape(p, -1)
+    gradient, curvature = flat @ left.reshape(-1), flat @ flat.T
+    value = 0.5 * float(left.reshape(-1) @ left.reshape(-1))
+    for k in range(windows - 1):
+        # end of window k less beginning of window k + 1, over the width of the joint; only y and v1
+        gap = (base.ends[k, :2] - states[k + 1, :2]) / join
+        here = answers[:, k, :2].T / join[:, None]
+        there = -np.eye(2, 4) / join[:, None]
+        row = np.concatenate([here, there], axis=1)
+        at = slice(4 * k, 4 * k + 8)
+        a[at, at] += row.T @ row
+        g[at] -= row.T @ gap
+        value += 0.5 * float(gap @ gap)
+        if p:
+            change = ends[:, k, :2].T / join[:, None]
+            b[at] += row.T @ change
+            gradient -= change.T @ gap
+            curvature += change.T @ change
+    value += 0.5 * float((((guess - states) / GUESS) ** 2).sum())
+    scale = 1.0 / np.sqrt(np.diag(a))
+    solved = np.linalg.solve(a * scale[:, None] * scale[None, :], np.column_stack([g, b]) * scale[:, None])
+    solved *= scale[:, None]
+    moves, answer = solved[:, 0], solved[:, 1:]
+    return Quadratic(
+        value - 0.5 * float(g @ moves),
+        gradient - b.T @ moves,
+        curvature - b.T @ answer,
+        int(2 * (data.starts[-1] - data.starts[0])),
+        moves,
+        answer,
+    )
+
+
+def window_costs(data: Conditioned, states: np.ndarray, guess: np.ndarray, made: Prediction) -> np.ndarray:
+    """(windows,) half the sum of squares of each window, with the weak prior on its state and without joints."""
+    squares = (residual(data, made) ** 2).sum(axis=0)
+    sums = np.add.reduceat(squares, data.starts[:-1])
+    # the last window ends before the recording does; what follows is 0
+    return 0.5 * (sums + (((guess - states) / GUESS) ** 2).sum(axis=1))
+
+
+def settle_states(
+    data: Conditioned, states: np.ndarray, guess: np.ndarray, physics: Physics, rounds: int
+) -> tuple[np.ndarray, Prediction]:
+    """Fit the state of each window on its own, by Levenberg and Marquardt, the model held."""
+    now, damping = states.copy(), np.full(len(states), 1e-2)
+    made = predict(data, now, physics)
+    costs = window_costs(data, now, guess, made)
+    for _ in range(rounds):
+        channels, _ends = state_slopes(data, now, physics, made)
+        left = residual(data, made)
+        trial = now.copy()
+        for k in range(len(now)):
+            piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
+            own = channels[:, :, piece].reshape(4, -1)
+            a = own @ own.T + np.diag(GUESS**-2.0)
+            g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * GUESS**-2.0
+            trial[k] += np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
+        trial[:, 3] = np.minimum(trial[:, 3], 0.0)
+        trial_costs = window_costs(data, trial, guess, predict(data, trial, physics))
+        better = trial_costs < costs
+        gained = float((costs - trial_costs)[better].sum())
+        now[better] = trial[better]
+        damping = np.where(better, damping / 5.0, damping * 8.0)
+        made = predict(data, now, physics)
+        costs = window_costs(data, now, guess, made)
+        if gained < 0.1 * len(now):
+            break
+    return now, made
+
+
+def with_constants(physics: Physics, names: Sequence[str], values: Sequence[float]) -> Physics:
+    """The physics with some constants of the rig and the rock replaced."""
+    given = dict(zip(names, (float(value) for value in values), strict=True))
+    loading = given.pop("loading_stiffness", physics.rock.loading_stiffness)
+    unloading = given.pop("unloading_stiffness", physics.rock.unloading_stiffness)
+    # a fit may come from the other side, where the rock would give energy away
+    rock = Rock(loading, max(loading, unloading))
+    return physics._replace(rig=replace(physics.rig, **given), rock=rock)
