@@ -57,7 +57,7 @@ class Conditioned:
     starts: np.ndarray
     """(windows + 1,) samples at which windows begin, and where the last one ends."""
     states: np.ndarray
-    """(windows, 4) first guess of y, v1, v2, w at the beginning of each window."""
+    """(windows, 4) first guess of k y in N, v1 and v2 in m/s and w in m at the beginning of each window."""
 
 
 def white_noise(signal: np.ndarray) -> float:
@@ -166,8 +166,9 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
     states = np.array(
         [_state_at(int(s), touches, force, acceleration, rate, y, closing, noise[0]) for s in starts[:-1]]
     )
-    if fresh and starts[0] == 0:
-        states[0] = rig.static_force(setting) / rig.stiffness, 0.0, 0.0, 0.0
+    states[:, 0] *= rig.stiffness
+    if fresh:
+        states[0] = rig.static_force(setting), 0.0, 0.0, 0.0
     return Conditioned(
         recording.name,
         setting,

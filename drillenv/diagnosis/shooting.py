@@ -1,7 +1,7 @@
 """Multiple shooting: the model on a recording, window by window, and how it answers to everything it depends on.
 
 Each window runs the closed loop, rock, structure and drive, from a state of its own over one or two impacts, which is
-as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (y and v1),
+as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (k y and v1),
 which does not notice single impacts, must join from window to window. What a misfit and its derivatives say about the
 constants and effects is kept as one quadratic for each recording, with the states eliminated, so that refits,
 left-out recordings and thousands of bootstrap samples cost next to nothing.
@@ -29,12 +29,13 @@ from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
 RTOL = 1e-8
-STATE_STEPS = np.array([1e-6, 1e-5, 1e-5, 2e-8])
-"""By how much y (m), v1, v2 (m/s) and w (m) are moved to see how a window answers."""
-JOIN = np.array([5e-6, 5e-4])
-"""Standard deviations with which y (m) and v1 (m/s) join from window to window: what a structure might do beside the
+STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
+"""By how much the spring's force k y (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
+taken for y since it hardly changes with the stiffness."""
+JOIN = np.array([0.015, 2e-5])
+"""Standard deviations with which k y (N) and v1 (m/s) join from window to window: what a structure might do beside the
 model without being noticed in one window."""
-GUESS = np.array([1e-2, 1e-1, 1e-1, 5e-4])
+GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
 
@@ -57,7 +58,7 @@ class Prediction(NamedTuple):
     acceleration: np.ndarray
     """(n,) in V, N, m/s^2; samples outside the windows are left out of everything."""
     ends: np.ndarray
-    """(windows, 4) y, v1, v2, w at the end of each window."""
+    """(windows, 4) k y, v1, v2, w at the end of each window."""
 
 
 def split_effects(effects: Sequence[Chosen]) -> tuple[tuple[Chosen, ...], tuple[Chosen, ...]]:
@@ -74,9 +75,11 @@ def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float
     Raises:
         InputError: the motion could not be followed.
     """
+    states = states.copy()
     if data.fresh:
-        states = states.copy()
-        states[0] = physics.rig.static_force(data.setting) / physics.rig.stiffness, 0.0, 0.0, 0.0
+        states[0] = physics.rig.static_force(data.setting), 0.0, 0.0, 0.0
+    states[:, 0] /= physics.rig.stiffness
+    states[:, 3] = np.minimum(states[:, 3], 0.0)
     if not physics.motion:
         return sensed(data, physics, *_plain(data, states, physics))
     setting = data.setting
@@ -92,7 +95,6 @@ def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float
     regime = FREE
     for k, (first, after) in enumerate(zip(data.starts[:-1].tolist(), data.starts[1:].tolist(), strict=True)):
         z[[Y, V1, V2, W]] = states[k]
-        z[W] = min(z[W], 0.0)
         count = after - first
         samples = np.zeros((count, columns))
         phase = math.fmod(data.phase + data.omega * first / data.rate, 2 * math.pi)
@@ -112,10 +114,9 @@ def _plain(data: Conditioned, states: np.ndarray, physics: Physics) -> tuple[np.
     drive = physics.rig.drive_force(data.setting)
     set_drive(data.omega, drive, physics.rig.static_force(data.setting), model)
     force, acceleration = np.zeros(data.force.size), np.zeros(data.force.size)
-    ends, placed = np.empty((len(states), 4)), np.array(states)
-    placed[:, 3] = np.minimum(placed[:, 3], 0.0)
+    ends = np.empty((len(states), 4))
     room, scratch = np.zeros((2, STATE_SIZE)), exact_scratch()
-    run_windows(model, placed, data.starts, data.phase, data.rate, room, scratch, force, acceleration, ends)
+    run_windows(model, states, data.starts, data.phase, data.rate, room, scratch, force, acceleration, ends)
     return force, acceleration, ends
 
 
@@ -129,6 +130,7 @@ def sensed(data: Conditioned, physics: Physics, force: np.ndarray, acceleration:
             assert chosen.effect.measure is not None
             read = chosen.effect.measure(true, read, chosen.values)
         excitation, force, acceleration = read.excitation, read.force, read.acceleration
+    ends[:, 0] *= physics.rig.stiffness
     return Prediction(excitation, force, acceleration, ends)
 
 
@@ -228,7 +230,7 @@ def quadratic(
     gradient, curvature = flat @ left.reshape(-1), flat @ flat.T
     value = 0.5 * float(left.reshape(-1) @ left.reshape(-1))
     for k in range(windows - 1):
-        # end of window k less beginning of window k + 1, over the width of the joint; only y and v1
+        # end of window k less beginning of window k + 1, over the width of the joint; only k y and v1
         gap = (base.ends[k, :2] - states[k + 1, :2]) / join
         here = answers[:, k, :2].T / join[:, None]
         there = -np.eye(2, 4) / join[:, None]

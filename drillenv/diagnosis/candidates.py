@@ -1,0 +1,96 @@
+"""The mechanisms that a diagnosis tries, and at which strengths their mark on the data is first looked for.
+
+Strengths enter a fit as unknowns. What bends the model strongly (a resonance's frequency, a relaxation time, a phase)
+is tried at a few values in the first look, one variant each, and freed once the mechanism is fitted for good.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from drillenv.diagnosis.fit import Parameter
+from drillenv.dynamics.effects import REGISTRY
+
+
+class Variant(NamedTuple):
+    """One way for a mechanism to be there."""
+
+    mechanism: str
+    probes: tuple[tuple[tuple[str, float], ...], ...]
+    """Each probe gives values to parameters of the effect; what it changes, over ``sizes``, is one column."""
+    held: tuple[tuple[str, float], ...]
+    """Parameters at values of this variant, in every probe."""
+
+
+# For each mechanism: (held, probes) of its variants. A probe is a small strength, in the parameters' units.
+_VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]], ...]] = {
+    "contact-rate": (({}, ({"chi": 0.1},)),),
+    "contact-power-law": (({}, ({"n": 1.05},)),),
+    "contact-toe": (
+        ({"r": 0.1, "e": 1.0}, ({"h": 4e-6},)),
+        ({"r": 0.1, "e": 0.0}, ({"h": 4e-6},)),
+        ({"r": 0.1, "e": 1.0}, ({"h": 2e-5},)),
+    ),
+    "rock-compaction": tuple(({"soft_n": n}, ({"soft": 0.1},)) for n in (4.0, 15.0, 50.0)),
+    "rock-mount-compliance": tuple(
+        ({"m_r": m, "zeta_r": 0.05}, ({"s_r": 4e-9},)) for m in (10.0, 40.0, 100.0)
+    ),
+    "stiffness-hardening": (({}, ({"k3": 5e8},)),),
+    "damping-quadratic": (({}, ({"c2": 100.0},)),),
+    "indenter-friction": (({}, ({"fc2": 5.0},)),),
+    "guide-friction": (({}, ({"fc1": 5.0},)),),
+    "drive-harmonics": (
+        (
+            {},
+            (
+                {"h2": 0.01, "phi2": 0.0},
+                {"h2": 0.01, "phi2": 1.5707963267948966},
+                {"h3": 0.01, "phi3": 0.0},
+                {"h3": 0.01, "phi3": 1.5707963267948966},
+            ),
+        ),
+    ),
+    "drive-droop": (({}, ({"s": 0.001},)),),
+    "air-spring": tuple(({"tau": tau}, ({"k_a": 500.0},)) for tau in (0.1, 0.3, 0.8)),
+    "accelerometer-resonance": tuple(
+        ({"zeta_a": 0.03}, ({"f_a": f},)) for f in (2500.0, 3000.0, 3600.0, 4300.0, 5200.0, 6300.0, 8000.0)
+    ),
+    "accelerometer-lowpass": (({}, ({"f_b": 20000.0},)), ({}, ({"f_b": 4000.0},))),
+    "load-cell-inertia": (({}, ({"m_c": 0.01},)),),
+    "channel-delay": (
+        ({}, ({"delay_f": 1e-5},)),
+        ({}, ({"delay_a": 1e-5},)),
+    ),
+    "mains-hum": tuple(
+        (
+            {"f_m": f},
+            (
+                {"b_f": 1.0, "psi_f": 0.0},
+                {"b_f": 1.0, "psi_f": 1.5707963267948966},
+                {"b_a": 1.0, "psi_a": 0.0},
+                {"b_a": 1.0, "psi_a": 1.5707963267948966},
+            ),
+        )
+        for f in (50.0, 60.0)
+    ),
+    "sensor-offset": (({}, ({"o_f": 1.0}, {"o_a": 1.0})),),
+    "force-limit": (({}, ({"F_max": 400.0},)), ({}, ({"F_max": 300.0},))),
+    "backlash": tuple(({"y0": y0}, ({"g": 1e-4},)) for y0 in (0.0015, 0.0025, 0.0035)),
+}
+
+
+def variants() -> tuple[Variant, ...]:
+    """Every variant of every mechanism that can act on the drilling rig."""
+    made = []
+    for mechanism, entries in _VARIANTS.items():
+        for held, probes in entries:
+            made.append(
+                Variant(mechanism, tuple(tuple(probe.items()) for probe in probes), tuple(held.items()))
+            )
+    return tuple(made)
+
+
+def parameter(mechanism: str, symbol: str, value: float, width: float) -> Parameter:
+    """A parameter of an effect as an unknown of a fit, with the registry's bounds."""
+    entry = next(each for each in REGISTRY[mechanism].parameters if each.symbol == symbol)
+    return Parameter(f"{mechanism} {symbol}", value, width, 0.0, entry.low, entry.high)
