@@ -10,7 +10,7 @@ speed back from the moment at which the force sets in. None of these needs the c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -20,10 +20,12 @@ from drillenv.checks import InputError
 from drillenv.recordings import Recording
 from drillenv.rig import Rig, Setting
 
-SHORTEST_FLIGHT = 8
+SHORTEST_FLIGHT = 12
 """Samples off the rock between which a window may begin."""
 WINDOW = 0.8
 """Excitation periods that a window has at least."""
+GRID = 4
+"""Windows begin and end at samples that this divides, so that every fourth sample makes a recording of its own."""
 TOUCH = 6.0
 """Standard deviations of the force's noise above which the indenter is on the rock."""
 
@@ -56,8 +58,24 @@ class Conditioned:
     noise_excitation: float
     starts: np.ndarray
     """(windows + 1,) samples at which windows begin, and where the last one ends."""
+    thin: int
+    """1, or how many recorded samples go on one here."""
     states: np.ndarray
     """(windows, 4) first guess of k y in N, v1 and v2 in m/s and w in m at the beginning of each window."""
+
+
+    def thinned(self, every: int) -> Conditioned:
+        """Every so manieth sample only, for a first look; ``every`` divides GRID."""
+        keep = slice(None, None, every)
+        return replace(
+            self,
+            rate=self.rate / every,
+            force=self.force[keep].copy(),
+            acceleration=self.acceleration[keep].copy(),
+            excitation=self.excitation[keep].copy(),
+            starts=self.starts // every,
+            thin=self.thin * every,
+        )
 
 
 def white_noise(signal: np.ndarray) -> float:
@@ -184,6 +202,7 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
         noise[1],
         max(white_noise(excitation), 1e-9),
         starts,
+        1,
         states,
     )
 
@@ -194,12 +213,13 @@ def window_starts(touches: np.ndarray, size: int, shortest: float, fresh: bool) 
     flights = flights[flights[:, 1] - flights[:, 0] >= SHORTEST_FLIGHT]
     # near the end of the flight: what is left of it is read back from the coming contact
     middles = flights[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, (flights[:, 1] - flights[:, 0]) // 3)
+    middles = middles // GRID * GRID
     chosen = [0] if fresh else []
     for middle in middles.tolist():
         if not chosen or middle - chosen[-1] >= shortest:
             chosen.append(int(middle))
     last = int(touches[-1, 1])
-    end = min(size, last + SHORTEST_FLIGHT)
+    end = min(size, last + SHORTEST_FLIGHT) // GRID * GRID
     if len(chosen) > 1 and end - chosen[-1] < 0.3 * shortest:
         chosen.pop()
     return np.array([*chosen, end])

@@ -29,6 +29,8 @@ from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
 RTOL = 1e-8
+FINE = 4
+"""Points a sample at which a sensor that rings or lags is followed."""
 STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
 """By how much the spring's force k y (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
 taken for y since it hardly changes with the stiffness."""
@@ -80,58 +82,69 @@ def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float
         states[0] = physics.rig.static_force(data.setting), 0.0, 0.0, 0.0
     states[:, 0] /= physics.rig.stiffness
     states[:, 3] = np.minimum(states[:, 3], 0.0)
-    if not physics.motion:
-        return sensed(data, physics, *_plain(data, states, physics))
-    setting = data.setting
+    # a sensor that rings or lags has to be followed between the samples
+    fine = data.thin * (FINE if any(each.effect.needs_fine for each in physics.sensors) else 1) if physics.sensors else 1
+    run = _with_effects if physics.motion else _plain
+    force, acceleration, ends = run(data, states, physics, fine, rtol)
+    ends[:, 0] *= physics.rig.stiffness
+    excitation, force, acceleration = _sensed(data, physics.sensors, force, acceleration, fine)
+    return Prediction(excitation, force, acceleration, ends)
+
+
+def _phase(data: Conditioned, physics: Physics) -> float:
+    """Phase of the drive at the first sample in rad: that of the excitation channel, less what this one lags."""
+    late = [chosen.values[0] for chosen in physics.sensors if chosen.effect.name == "channel-delay"]
+    return data.phase + data.omega * sum(late)
+
+
+def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float):
+    """Force, acceleration and ends by the general engine."""
+    setting, rate = data.setting, data.rate * fine
     model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
     model = model._replace(omega=data.omega)
     z = np.zeros(model.tally + 4 + len(physics.motion))
     z[OWN : model.tally] = extra_start(physics.motion, data.fresh, setting.frequency)
     scratch = make_scratch(z.size, len(physics.motion))
-    n = data.force.size
-    force, acceleration = np.zeros(n), np.zeros(n)
+    force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
     columns = 8 + model.tally - OWN
-    regime = FREE
-    for k, (first, after) in enumerate(zip(data.starts[:-1].tolist(), data.starts[1:].tolist(), strict=True)):
+    starts, phase = data.starts * fine, _phase(data, physics)
+    for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
         z[[Y, V1, V2, W]] = states[k]
-        count = after - first
-        samples = np.zeros((count, columns))
-        phase = math.fmod(data.phase + data.omega * first / data.rate, 2 * math.pi)
-        status, _reached, regime, *_rest = integrate(
-            model, phase, z, FREE, count / data.rate, data.rate, samples, rtol, scratch
-        )
+        samples = np.zeros((after - first, columns))
+        theta = math.fmod(phase + data.omega * first / rate, 2 * math.pi)
+        status, *_rest = integrate(model, theta, z, FREE, (after - first) / rate, rate, samples, rtol, scratch)
         if status != DONE or not np.isfinite(z[:4]).all():
-            raise InputError(f"{data.name}: the motion could not be followed from sample {first}")
+            raise InputError(f"{data.name}: the motion could not be followed from {first / rate:.4f} s")
         force[first:after], acceleration[first:after] = samples[:, 5], samples[:, 4]
         ends[k] = z[[Y, V1, V2, W]]
-    return sensed(data, physics, force, acceleration, ends)
-
-
-def _plain(data: Conditioned, states: np.ndarray, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Force, acceleration and ends of the paper's model."""
-    model = make_model(physics.rig, physics.rock, data.setting)
-    drive = physics.rig.drive_force(data.setting)
-    set_drive(data.omega, drive, physics.rig.static_force(data.setting), model)
-    force, acceleration = np.zeros(data.force.size), np.zeros(data.force.size)
-    ends = np.empty((len(states), 4))
-    room, scratch = np.zeros((2, STATE_SIZE)), exact_scratch()
-    run_windows(model, states, data.starts, data.phase, data.rate, room, scratch, force, acceleration, ends)
     return force, acceleration, ends
 
 
-def sensed(data: Conditioned, physics: Physics, force: np.ndarray, acceleration: np.ndarray, ends: np.ndarray):
-    """What the sensors make of the true force and acceleration."""
-    excitation = data.amplitude * np.sin(data.phase + data.omega * np.arange(data.force.size) / data.rate)
-    if physics.sensors:
-        true = Channels(data.rate, 0.0, excitation, force, acceleration, data.fresh)
+def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float):
+    """Force, acceleration and ends of the paper's model, by the exact engine."""
+    model = make_model(physics.rig, physics.rock, data.setting)
+    set_drive(data.omega, physics.rig.drive_force(data.setting), physics.rig.static_force(data.setting), model)
+    force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
+    ends = np.empty((len(states), 4))
+    room, scratch, phase = np.zeros((2, STATE_SIZE)), exact_scratch(), _phase(data, physics)
+    run_windows(model, states, data.starts * fine, phase, data.rate * fine, room, scratch, force, acceleration, ends)
+    return force, acceleration, ends
+
+
+def _sensed(data: Conditioned, sensors: Sequence[Chosen], force: np.ndarray, acceleration: np.ndarray, fine: int):
+    """What the sensors make of the true channels, at the samples of the recording."""
+    time = np.arange(force.size) / (data.rate * fine)
+    excitation = data.amplitude * np.sin(data.phase + data.omega * time)
+    if sensors:
+        true = Channels(data.rate * fine, 0.0, excitation, force, acceleration, data.fresh)
         read = true
-        for chosen in in_order(physics.sensors):
+        for chosen in in_order(sensors):
             assert chosen.effect.measure is not None
             read = chosen.effect.measure(true, read, chosen.values)
         excitation, force, acceleration = read.excitation, read.force, read.acceleration
-    ends[:, 0] *= physics.rig.stiffness
-    return Prediction(excitation, force, acceleration, ends)
+    keep = slice(None, None, fine)
+    return excitation[keep], force[keep], acceleration[keep]
 
 
 def extra_start(effects: Sequence[Chosen], fresh: bool, frequency: float) -> list[float]:

@@ -282,10 +282,9 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
             from drillenv.env.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode)
-        rows = self._batch.plants
-        return self._renderer.draw(
-            self.trace(), self._batch.truths[0], rows.layers[0], rows.rigs[0], self.task.reward.rating, INTERVAL
-        )
+        batch, rating = self._batch, self.task.reward.rating
+        truth, layers, rig = batch.truths[0], batch.plants.layers[0], batch.plants.rigs[0]
+        return self._renderer.draw(self.trace(), truth, layers, rig, rating, INTERVAL, float(batch.rewards[0]))
 
     def close(self) -> None:
         """Close the window, if there is one. May be called twice."""

@@ -1,0 +1,308 @@
+"""From recordings to a verdict: fit the paper's model, look for what it lacks, add it, and say how good that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+from drillenv.checks import InputError
+from drillenv.diagnosis.candidates import parameter
+from drillenv.diagnosis.condition import Conditioned, condition
+from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit
+from drillenv.diagnosis.screen import Score, screen
+from drillenv.diagnosis.shooting import residual
+from drillenv.dynamics.effects import REGISTRY
+from drillenv.recordings import Campaign
+from drillenv.rig import Rig
+
+THIN = 4
+"""Every fourth sample is enough to find a mechanism; all of them say how strong it is."""
+CLOSE = 1.5
+"""Sum of squares over samples below which a fit is close enough for the joints between windows to be used."""
+MOST = 3
+"""Mechanisms at once."""
+RIVALS = 3
+"""Mechanisms fitted for good at each step."""
+WORTH = 0.2
+"""Share of the best gain of the first look from which a mechanism is a rival."""
+CLEAR = 0.6
+"""A rival whose first look gains less than this share of one that left nothing but noise is not fitted for good."""
+FALSE_ALARMS = 1e-4
+"""Chance that one candidate gains as much where nothing is missing."""
+SLACK = 12.0
+"""Gain beyond chance that a mechanism has to bring: half a sum of squares that imperfect noise may bring too."""
+SEVERAL = 3.0
+"""Standard deviations away from nominal at which a constant is wrong."""
+FLOOR = 1.06
+"""Sum of squares over samples above which something is left."""
+LINE = 30.0
+"""Power over its mean above which a single frequency in what is left is no noise (chance below 1e-8 a campaign)."""
+
+LINEAR = {
+    "chi", "h", "soft", "s_r", "k3", "c2", "fc1", "fc2", "s", "k_a", "m_c", "delay_e", "delay_f", "delay_a",
+    "o_f", "o_a", "g",
+}  # fmt: skip
+"""Symbols whose strength grows from nothing in proportion to the probe."""
+FREED = {
+    "contact-toe": ("h", "r"),
+    "rock-compaction": ("soft", "soft_n"),
+    "rock-mount-compliance": ("s_r", "m_r", "zeta_r"),
+    "air-spring": ("k_a", "tau"),
+    "accelerometer-resonance": ("f_a", "zeta_a"),
+    "backlash": ("g", "y0"),
+}
+"""Parameters fitted for good where they are more than those of the probes."""
+
+
+@dataclass(slots=True, eq=False)
+class Step:
+    """One mechanism added, or the attempt to."""
+
+    mechanism: str
+    gain: float
+    """Half sum of squares."""
+    threshold: float
+    loosely: Fit
+    """Without joints between the windows."""
+    fitted: Fit
+    equivalents: tuple[str, ...] = ()
+
+
+@dataclass(slots=True, eq=False)
+class Outcome:
+    """What a diagnosis came to, before it is put into words."""
+
+    verdict: str
+    plain: Fit
+    """The paper's model, constants fitted."""
+    final: Fit
+    steps: list[Step]
+    rejected: list[tuple[str, float, str]]
+    """(mechanism, gain, why)."""
+    fit_data: list[Conditioned]
+    held_data: list[Conditioned]
+    left: float = 1.0
+    """Sum of squares over samples that is left, on the recordings fitted."""
+    lines: list[tuple[str, str, float, float]] = field(default_factory=list)
+    """(recording, channel, Hz, power over its mean) left over."""
+
+
+def nominal_hypothesis(campaign: Campaign) -> Hypothesis:
+    """The constants of a campaign with what the lab believes of them.
+
+    Raises:
+        InputError: a constant is missing, or has no value or standard deviation.
+    """
+    parameters = []
+    for name in CONSTANTS:
+        entry = campaign.nominal.get(name)
+        if entry is None or entry.value is None or entry.std is None:
+            raise InputError(f"campaign {campaign.title}: nominal {name} lacks a value or a std: give both")
+        low, high = 0.2 * entry.value, 5.0 * entry.value
+        parameters.append(Parameter(name, entry.value, max(entry.std, 1e-9 * entry.value), 1.0, low, high))
+    return Hypothesis(tuple(parameters))
+
+
+def extended(now: Fit, score: Score) -> tuple[Hypothesis, np.ndarray]:
+    """The fit's hypothesis with one mechanism more, and values to start from."""
+    variant = score.variant
+    mechanism = variant.mechanism
+    start = dict(variant.held)
+    sizes = dict(zip(range(len(variant.probes)), score.strengths.tolist(), strict=True))
+    for i, probe in enumerate(variant.probes):
+        for symbol, value in probe:
+            if symbol in LINEAR:
+                start[symbol] = start.get(symbol, 0.0) + value * sizes[i]
+            elif symbol == "n":
+                start[symbol] = 1.0 + (value - 1.0) * sizes[i]
+            elif symbol not in start:
+                start[symbol] = value
+    if mechanism == "drive-harmonics":
+        start = _polar(score.strengths)
+    entries = {each.symbol: each for each in REGISTRY[mechanism].parameters}
+    symbols = FREED.get(mechanism, tuple(dict.fromkeys(name for probe in variant.probes for name, _ in probe)))
+    free, values = [], []
+    for symbol in symbols:
+        entry = entries[symbol]
+        low, high = entry.typical
+        width = 0.2 * max(abs(low), abs(high))
+        reach = 3.0 * max(abs(low), abs(high))
+        value = float(np.clip(start[symbol], max(entry.low, -reach), min(entry.high, reach)))
+        if symbol in LINEAR and value < 0.5 * low and entry.low >= 0.0:
+            value = 0.5 * low
+        free.append(parameter(mechanism, symbol, value, width))
+        values.append(value)
+    held = tuple((name, value) for name, value in variant.held if name not in symbols)
+    base = now.hypothesis
+    count = len(base.constants)
+    moved = now.values.copy()
+    centre = np.array([each.value for each in base.constants])
+    widths = np.array([each.width for each in base.constants])
+    step = score.constants[:count] * widths
+    moved[:count] = np.clip(now.values[:count] + step, centre - 4 * widths, centre + 4 * widths)
+    hypothesis = Hypothesis(base.constants, (*base.effects, (mechanism, held, tuple(free))))
+    return hypothesis, np.concatenate([moved, values])
+
+
+def _polar(strengths: np.ndarray) -> dict[str, float]:
+    """Amplitude and phase of two harmonics from their sine and cosine parts, in hundredths."""
+    sine2, cosine2, sine3, cosine3 = (0.01 * strengths).tolist()
+    return {
+        "h2": math.hypot(sine2, cosine2),
+        "phi2": math.atan2(cosine2, sine2),
+        "h3": math.hypot(sine3, cosine3),
+        "phi3": math.atan2(cosine3, sine3),
+    }
+
+
+def per_sample(fitted: Fit) -> float:
+    """Sum of squares over samples; 1 where nothing but the noise is left."""
+    return 2.0 * fitted.cost / sum(each.samples for each in fitted.quadratics)
+
+
+def threshold(columns: int) -> float:
+    """Gain that a mechanism of so many free strengths has to bring."""
+    return 0.5 * float(chi2.isf(FALSE_ALARMS, columns)) + SLACK
+
+
+def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[str, str, float, float]]:
+    """Frequencies that stand out of what is left: (recording, channel, Hz, power over its mean)."""
+    found = []
+    for data, made in zip(recordings, fitted.predictions, strict=True):
+        left = residual(data, made)[:, int(data.starts[0]) : int(data.starts[-1])]
+        for channel, signal in zip(("force", "acceleration"), left, strict=True):
+            power = np.abs(np.fft.rfft(signal)) ** 2 / signal.size
+            power[0] = 0.0
+            top = int(np.argmax(power))
+            if power[top] > LINE:
+                found.append((data.name, channel, top * data.rate / signal.size, float(power[top])))
+    return found
+
+
+def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
+    """The verdict on a campaign of the drilling rig.
+
+    Raises:
+        InputError: a recording cannot be used, or fewer than three can.
+    """
+    say = note or (lambda _text: None)
+    plain_hypothesis = nominal_hypothesis(campaign)
+    rig = Rig(**{each.name: each.value for each in plain_hypothesis.constants[:6]})
+    workers = Workers()
+    try:
+        say("reading the recordings")
+        data = workers.each(lambda recording: condition(recording, rig), campaign.recordings)
+        held = [i for i, each in enumerate(campaign.recordings) if each.use == "held-out"] or _held_out(data)
+        fit_data = [each for i, each in enumerate(data) if i not in held]
+        held_data = [each for i, each in enumerate(data) if i in held]
+        thin = [each.thinned(THIN) for each in fit_data]
+        say("fitting the paper's model")
+        loosely = fit(thin, plain_hypothesis, workers, stages=(Stage(1e4, 8, 6),))
+        plain = now = _tightened(thin, loosely, workers)
+        steps: list[Step] = []
+        rejected: list[tuple[str, float, str]] = []
+        while len(steps) < MOST:
+            say(f"looking for what is missing ({per_sample(now):.3f} of the noise is left)")
+            step, rejected = _next(thin, now, loosely, workers, say)
+            if step is None:
+                break
+            steps.append(step)
+            loosely, now = step.loosely, step.fitted
+            say(f"{step.mechanism}: gain {step.gain:.0f}")
+        say("all samples")
+        final = _full(fit_data, now, workers)
+        left, lines = per_sample(final), lines_left(fit_data, final)
+        verdict = _verdict(final, steps, left, lines)
+        return Outcome(verdict, plain, final, steps, rejected, fit_data, held_data, left, lines)
+    finally:
+        workers.close()
+
+
+def _held_out(data: Sequence[Conditioned]) -> list[int]:
+    """Recordings to prove the result on: two of eight, of a rig that was running."""
+    running = [i for i, each in enumerate(data) if not each.fresh]
+    if len(data) < 5 or len(running) < 4:
+        return []
+    return [running[len(running) // 2], running[-2]] if len(data) >= 7 else [running[len(running) // 2]]
+
+
+def _tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers) -> Fit:
+    """The same hypothesis with the windows joined, where the fit is close enough for that."""
+    if per_sample(loosely) > CLOSE:
+        return loosely
+    stages = (Stage(10.0, 0, 4), Stage(1.0, 0, 8))
+    return fit(recordings, loosely.hypothesis, workers, loosely.values, loosely.states, stages)
+
+
+def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | None, list[tuple[str, float, str]]]:
+    """The mechanism to add, and those passed over with the reason."""
+    # a fit that the joints have bent says little of what is missing; the windows on their own say more
+    close = per_sample(now) <= FLOOR
+    scores = screen(thin, now, workers, 1.0) if close else screen(thin, loosely, workers, 30.0)
+    best: dict[str, Score] = {}
+    for score in scores:
+        best.setdefault(score.variant.mechanism, score)
+    ranked = list(best.values())
+    passed = [
+        (each.variant.mechanism, each.gain, "gains too little")
+        for each in ranked
+        if each.gain <= threshold(len(each.variant.probes))
+    ]
+    rivals = [each for each in ranked if each.gain > threshold(len(each.variant.probes))]
+    if not rivals:
+        return None, passed
+    rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:RIVALS]
+    fits: list[tuple[float, Score, Fit, Fit]] = []
+    for score in rivals:
+        if fits and per_sample(fits[0][2]) <= FLOOR and score.gain < CLEAR * fits[0][1].gain:
+            passed.append((score.variant.mechanism, score.gain, "explains less at first look"))
+            continue
+        say(f"trying {score.variant.mechanism} (gain {score.gain:.0f} at first look)")
+        try:
+            hypothesis, values = extended(now if close else loosely, score)
+            if close:
+                free = made = fit(thin, hypothesis, workers, values, now.states, NEARBY)
+            else:
+                free = fit(thin, hypothesis, workers, values, loosely.states, (Stage(1e4, 4, 4),))
+                made = _tightened(thin, free, workers)
+        except (InputError, np.linalg.LinAlgError) as error:
+            passed.append((score.variant.mechanism, score.gain, f"cannot be followed: {error}"))
+            continue
+        fits.append((made.cost, score, made, free))
+        fits.sort(key=lambda each: (per_sample(each[2]) > CLOSE, each[0]))
+    if not fits:
+        return None, passed
+    cost, score, made, free = fits[0]
+    gain = now.cost - cost
+    needed = threshold(len(made.hypothesis.parameters) - len(now.hypothesis.parameters))
+    passed += [(each[1].variant.mechanism, now.cost - each[0], "explains less") for each in fits[1:]]
+    if gain <= needed:
+        return None, [*passed, (score.variant.mechanism, gain, "gains too little once fitted")]
+    same = tuple(each[1].variant.mechanism for each in fits[1:] if each[0] - cost < SLACK)
+    return Step(score.variant.mechanism, gain, needed, free, made, same), passed
+
+
+def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
+    """The fit on all samples."""
+    if per_sample(now) > CLOSE:
+        return fit(recordings, now.hypothesis, workers, now.values, now.states, (Stage(1e4, 3, 1),))
+    return fit(recordings, now.hypothesis, workers, now.values, now.states, NEARBY)
+
+
+def _verdict(final: Fit, steps: Sequence[Step], left: float, lines: Sequence[object]) -> str:
+    """In one word."""
+    if left > FLOOR or lines:
+        return "unexplained"
+    if steps:
+        return "missing-physics"
+    off = [
+        abs(value - each.value) / each.width
+        for value, each in zip(final.values, final.hypothesis.constants, strict=True)
+    ]
+    return "parameters" if max(off) > SEVERAL else "agrees"
+
+
