@@ -8,13 +8,43 @@ from scipy.integrate import cumulative_simpson
 
 from drillenv.checks import InputError
 from drillenv.dynamics import effects
-from drillenv.dynamics.effects import Effect, Extra, Parameter, make
+from drillenv.dynamics.effects import Channels, Effect, Extra, Parameter, drawn, make
 from drillenv.dynamics.general import FREE, LOADING, UNLOADING, run_general
+from drillenv.dynamics.sensors import read
 from drillenv.rig import Rig, Setting
-from drillenv.rocks import ROCKS
+from drillenv.rocks import ROCKS, Rock
 
 RIG, SETTING, ROCK = Rig(), Setting(90.0, 0.45, 1.0), ROCKS[4]
 EVERY = sorted(effects.REGISTRY)
+MOVING = [name for name in EVERY if effects.REGISTRY[name].moves_rig]
+SENSORS = [name for name in EVERY if effects.REGISTRY[name].measure]
+BODY = [name for name in EVERY if effects.REGISTRY[name].on_body]
+
+# The mechanisms that a report may name, and where each acts.
+MECHANISMS = {
+    "contact-rate": "contact",
+    "contact-power-law": "contact",
+    "contact-toe": "contact",
+    "rock-compaction": "contact",
+    "rock-mount-compliance": "contact",
+    "stiffness-hardening": "indenter, body",
+    "damping-quadratic": "indenter",
+    "indenter-friction": "indenter",
+    "drive-harmonics": "indenter",
+    "drive-droop": "indenter",
+    "guide-friction": "shaker",
+    "air-spring": "shaker",
+    "accelerometer-resonance": "sensor",
+    "accelerometer-lowpass": "sensor",
+    "load-cell-inertia": "sensor",
+    "channel-delay": "sensor",
+    "mains-hum": "sensor",
+    "sensor-offset": "sensor",
+    "force-limit": "indenter, body",
+    "viscous-damping": "body",
+    "dry-friction": "body",
+    "backlash": "indenter, body",
+}
 
 
 def run(*chosen, seconds=0.3, rate=20e3, setting=SETTING, **more):
@@ -22,9 +52,20 @@ def run(*chosen, seconds=0.3, rate=20e3, setting=SETTING, **more):
 
 
 def strong(name):
-    """The effect with every parameter moved off its neutral value, a little way to the far bound."""
-    effect = effects.REGISTRY[name]
-    return make(name, **{p.symbol: p.neutral + 0.02 * (p.high - p.neutral) for p in effect.parameters})
+    """The effect in the middle of its typical strength."""
+    return make(name, **{p.symbol: sum(p.typical) / 2 for p in effects.REGISTRY[name].parameters})
+
+
+def drawn_place(rng):
+    """A random setting of the box and a little beyond, and a rock drawn from its spread."""
+    setting = Setting(rng.uniform(45, 130), rng.uniform(0.25, 0.65), rng.uniform(0.5, 2.0))
+    return setting, ROCKS[int(rng.integers(1, 7))].drawn(rng)
+
+
+def test_every_mechanism_of_a_report_is_here():
+    assert {name: ", ".join(effects.REGISTRY[name].balances) for name in EVERY} == MECHANISMS
+    assert set(MOVING) | set(SENSORS) | set(BODY) == set(EVERY)
+    assert not set(SENSORS) & (set(MOVING) | set(BODY))
 
 
 def same(one, other):
@@ -42,10 +83,10 @@ def same(one, other):
 @pytest.mark.parametrize("name", EVERY)
 def test_entry_says_everything(name):
     effect = effects.REGISTRY[name]
-    assert re.fullmatch(r"[a-z]+(-[a-z]+)+", effect.name) and effect.name == name
+    assert re.fullmatch(r"[a-z]+(-[a-z]+)*", effect.name) and effect.name == name
     assert effect.sentence.endswith(".") and effect.sentence.count(".") == 1
     assert effect.equation
-    assert effect.source == "constitutive" or re.search(r"\b(1[89]|20)\d\d\b", effect.source)
+    assert effect.source.startswith("constitutive") or re.search(r"\b(1[789]|20)\d\d\b", effect.source)
     assert set(effect.balances) <= {"contact", "indenter", "shaker", "sensor", "body"} and effect.balances
     assert set(effect.regimes) <= set(effects.EVERYWHERE) and effect.regimes
     assert effect.energy in ("loses", "stores", "moves", "none")
@@ -53,13 +94,17 @@ def test_entry_says_everything(name):
     for part in effect.parameters:
         assert part.unit and part.meaning and part.symbol.isidentifier()
         assert part.low <= part.neutral <= part.high and part.low < part.high
+        assert part.low <= part.typical[0] <= part.typical[1] <= part.high
+    assert not strong(name).is_neutral
     for extra in effect.extras:
         assert extra.unit and extra.meaning and extra.size > 0
     assert not effect.moves_face or effect.extras[0].unit == "m/s"
+    assert effect.grips is None or (effect.parameters[0].unit == "N" and effect.extras and not effect.term)
+    assert bool(effect.measure) == ("sensor" in effect.balances) and bool(effect.on_body) == ("body" in effect.balances)
     assert pickle.loads(pickle.dumps(effect)) == effect
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", MOVING)
 def test_neutral_values_change_nothing(name):
     effect = effects.REGISTRY[name]
     same(run(), run(make(name)))
@@ -68,30 +113,64 @@ def test_neutral_values_change_nothing(name):
 
 
 def test_neutral_values_of_all_change_nothing():
-    same(run(), run(*(make(name) for name in EVERY)))
+    same(run(), run(*(make(name) for name in MOVING)))
     # those that scale a term by zero do so whatever the rest is set to
     same(run(), run(make("drive-harmonics", phi2=1.0, phi3=-2.0), make("air-spring", tau=0.02)))
     same(run(), run(make("rock-mount-compliance", m_r=3.0, zeta_r=0.7)))
+    same(run(), run(make("contact-toe", r=0.5, e=0.3), make("rock-compaction", soft_n=30.0), make("backlash", y0=1e-3)))
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", MOVING)
 def test_energy_has_the_right_sign(name):
-    effect = effects.REGISTRY[name]
+    rng = np.random.default_rng(5)
     for seconds in (0.003, 0.05, 0.3):
-        energy = run(strong(name), seconds=seconds, rate=0).energy
-        assert abs(energy.error) < 1e-9 * (abs(energy.drive) + energy.stored_before)
-        assert energy.damper > 0
-        if effect.energy == "loses":
-            assert energy.effects[0] < 0
-        if effect.energy == "none":
-            assert energy.effects[0] == 0
+        chosen = [strong(name)]
+        check_energy(run(*chosen, seconds=seconds, rate=0), chosen)
+    for _ in range(5):
+        setting, rock = drawn_place(rng)
+        chosen = [drawn(name, rng)]
+        check_energy(run_general(RIG, setting, rock, 0.4, 0.0, effects=chosen), chosen)
 
 
-@pytest.mark.parametrize("name", EVERY)
+def check_energy(result, every):
+    """The balance closes, and what can only take has taken."""
+    energy = result.energy
+    assert abs(energy.error) < 1e-9 * (abs(energy.drive) + energy.stored_before)
+    assert energy.damper > 0
+    for chosen, given in zip(every, energy.effects, strict=True):
+        assert chosen.effect.energy != "loses" or given < 0.0
+        assert chosen.effect.energy != "none" or given == 0.0
+    assert energy.rock >= 0.0
+
+
+@pytest.mark.parametrize("name", MOVING)
 def test_effect_changes_the_motion(name):
     plain, changed = run(), run(strong(name))
-    assert np.max(np.abs(plain.v2 - changed.v2)) > 1e-4
+    assert np.max(np.abs(plain.v2 - changed.v2)) > 1e-3
     assert np.all(np.isfinite(changed.extra)) and changed.extra.shape == (6001, len(effects.REGISTRY[name].extras))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOVING)
+def test_typical_strengths_can_be_followed(name):
+    """3 s at random settings on random rocks, alone and with one other effect."""
+    rng = np.random.default_rng(MOVING.index(name))
+    for _ in range(12):
+        setting, rock = drawn_place(rng)
+        chosen = [drawn(name, rng)]
+        check_energy(run_general(RIG, setting, rock, 3.0, 0.0, effects=chosen), chosen)
+    for other in rng.choice([other for other in MOVING if other != name], 6, replace=False):
+        setting, rock = drawn_place(rng)
+        chosen = [drawn(name, rng), drawn(str(other), rng)]
+        check_energy(run_general(RIG, setting, rock, 1.0, 0.0, effects=chosen), chosen)
+
+
+def test_all_effects_at_once_can_be_followed():
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        setting, rock = drawn_place(rng)
+        chosen = [drawn(name, rng) for name in MOVING]
+        check_energy(run_general(RIG, setting, rock, 0.5, 0.0, effects=chosen), chosen)
 
 
 def on_indenter(result, setting=SETTING):
@@ -179,7 +258,7 @@ def test_peak_force_is_the_largest_on_the_way():
 
 @pytest.mark.parametrize("n", [0.8, 1.5, 2.0])
 def test_power_law_is_its_equation(n):
-    result = run(make("contact-power-law", n_l=n, n_u=n))
+    result = run(make("contact-power-law", n=n))
     loading, unloading, depth = place_in_rock(result)
     law = ROCK.unloading_stiffness * 1e-4 * (np.maximum(depth, 0.0) / 1e-4) ** n
     for rows in (loading, unloading):
@@ -211,7 +290,149 @@ def test_light_stiff_mount_is_a_softer_rock():
     assert np.max(np.abs(run(seconds=0.02).force - plain.force)) > 0.1 * np.max(plain.force)
 
 
-def _harder_rock(depth, regime, own, p):
+def toe(depth, h, r):
+    """Force over stiffness of a soft layer: the integral of its stiffness, r at first and 1 when it is squeezed."""
+    return depth - (1 - r) * h * (1 - np.exp(-depth / h))
+
+
+@pytest.mark.parametrize(("h", "r", "e"), [(2e-5, 0.1, 1.0), (4e-5, 0.0, 0.5), (1e-5, 0.3, 0.0)])
+def test_toe_is_its_equation(h, r, e):
+    result = run(make("contact-toe", h=h, r=r, e=e), seconds=0.3)
+    ratio = ROCK.loading_stiffness / ROCK.unloading_stiffness
+    out = toe if e > 0 else lambda depth, h, r: depth
+    loading, unloading, depth = place_in_rock(result)
+    # in loading Xf follows so that the law of unloading has the force of loading there
+    for rows in (loading, unloading):
+        expected = ROCK.unloading_stiffness * out(depth[rows], e * h * ratio, r)
+        assert np.allclose(result.force[rows], expected, rtol=1e-9, atol=1e-5)
+    assert np.allclose(result.impacts.force, ROCK.loading_stiffness * toe(result.impacts.depth, h, r), rtol=1e-12)
+    assert result.energy.rock > 0 and np.all(np.diff(result.penetration[result.regime == FREE]) >= 0)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("n", [1.0, 1.4])
+def test_toe_and_power_law_give_nothing_away(e, n):
+    """No tap, however small, and no turn on the way gives back more than it took, on a nearly elastic rock."""
+    rng = np.random.default_rng(7)
+    for _ in range(6):
+        setting, rock = drawn_place(rng)
+        elastic = Rock(rock.loading_stiffness, 1.001 * rock.loading_stiffness)
+        chosen = [make("contact-toe", h=rng.uniform(1e-6, 5e-5), r=rng.uniform(0, 1), e=e)]
+        chosen += [make("contact-power-law", n=n)]
+        result = run_general(RIG, setting, elastic, 0.3, 100e3, effects=chosen)
+        gap = result.x2 - result.penetration
+        assert np.max(gap[result.regime == FREE]) < 1e-14
+        # Xf where each contact ends: never behind where the one before ended
+        left = np.searchsorted(result.time, result.switches.time[result.switches.after == FREE])
+        assert np.all(np.diff(result.penetration[left[left < result.time.size]]) > -1e-15)
+        assert result.energy.rock >= 0.0
+
+
+def test_compaction_counts_impacts_and_never_lets_the_force_jump():
+    soft, soft_n = 0.4, 12.0
+    result = run(make("rock-compaction", soft=soft, soft_n=soft_n), seconds=0.5, rate=400e3)
+    assert result.end.extra[0] == len(result.impacts.time) > 40
+    assert math.isclose(result.extra[-1, 0], len(result.impacts.time))
+    # impacts before each contact began
+    before = np.searchsorted(result.impacts.time, result.impacts.contact_time)
+    expected = ROCK.loading_stiffness * (1 - soft * np.exp(-before / soft_n))
+    assert np.allclose(result.impacts.force / result.impacts.depth, expected, rtol=1e-10)
+    assert np.min(expected) < 0.62 * ROCK.loading_stiffness < 0.95 * ROCK.loading_stiffness < np.max(expected)
+    _, unloading, depth = place_in_rock(result)
+    count = np.searchsorted(result.impacts.time, result.time[unloading]) - 1
+    started = np.searchsorted(result.impacts.time, result.impacts.contact_time[count])
+    law = ROCK.unloading_stiffness * (1 - soft * np.exp(-started / soft_n)) * depth[unloading]
+    assert np.allclose(result.force[unloading], law, rtol=1e-9, atol=1e-6)
+    # k v dt is the most that the force changes from one sample to the next
+    assert np.max(np.abs(np.diff(result.force))) < 1.01 * ROCK.unloading_stiffness * np.max(np.abs(result.v2)) / 400e3
+
+
+def test_compaction_goes_on_where_it_ended_and_begins_anew_on_a_fresh_face():
+    chosen = make("rock-compaction", soft=0.4, soft_n=12.0)
+    setting = Setting(60.0, 0.45, 1.0)
+    whole = run(chosen, seconds=0.4, rate=0, setting=setting)
+    first = run(chosen, seconds=0.15, rate=0, setting=setting)
+    second = run(chosen, seconds=0.25, rate=0, setting=setting, phase=first.end_phase, start=first.end)
+    assert second.end.extra == whole.end.extra and first.end.extra[0] == len(first.impacts.time) > 5
+    assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
+    fresh = run(
+        chosen, seconds=0.25, setting=setting, phase=first.end_phase, start=first.end._replace(extra=(0.0, 0.0))
+    )
+    stiffness = fresh.impacts.force / fresh.impacts.depth / ROCK.loading_stiffness
+    assert math.isclose(stiffness[0], 0.6, rel_tol=1e-9) and stiffness[-1] > 0.75
+
+
+def test_force_limit_is_its_equation():
+    result = run(make("force-limit", F_max=300.0))
+    left, theta = on_indenter(result)
+    drive = RIG.drive_force(SETTING) * np.sin(theta)
+    assert np.max(drive) > 450
+    assert np.allclose(left, np.clip(drive, -300, 300) - drive, rtol=0, atol=1e-7)
+
+
+def test_backlash_is_its_equation_and_stores():
+    play, beyond = 4e-4, -5e-5
+    result = run(make("backlash", g=play, y0=beyond))
+    begins = RIG.static_force(SETTING) / RIG.stiffness + beyond
+    y = result.x1 - result.x2
+    assert np.min(y) < begins < begins + play < np.max(y)
+    lost = RIG.stiffness * np.clip(y - begins, 0, play)
+    assert np.allclose(on_indenter(result)[0], -lost, rtol=0, atol=1e-8)
+
+    def held(y):
+        inside = min(max(y - begins, 0.0), play)
+        return RIG.stiffness * (inside**2 / 2 + play * max(y - begins - play, 0.0))
+
+    assert math.isclose(result.energy.effects[0], held(y[-1]) - held(y[0]), rel_tol=1e-8, abs_tol=1e-12)
+
+
+def test_effects_on_a_body_are_their_equations():
+    rng = np.random.default_rng(0)
+    x, v, applied, k = rng.normal(0, 1e-2, 50), rng.normal(0, 0.1, 50), rng.normal(0, 100, 50), 5e3
+    expected = {
+        "stiffness-hardening": -3e8 * x**3,
+        "force-limit": np.where(np.abs(applied) > 80, np.sign(applied) * 80, applied) - applied,
+        "viscous-damping": -20 * v,
+        "dry-friction": -7 * np.sign(v),
+        "backlash": np.where(x < -2e-3, 0.0, np.where(x > 3e-3, k * 5e-3, k * (x + 2e-3))),
+    }
+    values = {
+        "stiffness-hardening": {"k3": 3e8},
+        "force-limit": {"F_max": 80.0},
+        "viscous-damping": {"d": 20.0},
+        "dry-friction": {"fc": 7.0},
+        "backlash": {"g": 5e-3, "y0": -2e-3},
+    }
+    assert set(expected) == set(BODY)
+    for name in BODY:
+        chosen, neutral = make(name, **values[name]), make(name)
+        force = chosen.effect.on_body(x, v, applied, k, chosen.values)
+        assert np.allclose(force, expected[name], rtol=1e-12, atol=1e-12)
+        assert np.all(neutral.effect.on_body(x, v, applied, k, neutral.values) == 0.0)
+        if chosen.effect.energy == "loses":
+            assert np.all(force * v <= 0.0)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_neutral_sensors_change_nothing(name):
+    rng = np.random.default_rng(1)
+    true = Channels(25600.0, 0.0, *rng.normal(0, 100, (3, 500)))
+    neutral = read(true, [make(name)])
+    for one, other in zip(true[2:5], neutral[2:5], strict=True):
+        assert np.array_equal(one, other)
+    changed = read(true, [strong(name)])
+    assert any(not np.array_equal(one, other) for one, other in zip(true[2:5], changed[2:5], strict=True))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_drawn_strengths_are_typical_and_reproduce(name):
+    one, other, next_one = (drawn(name, rng) for rng in [np.random.default_rng(4)] * 2 + [np.random.default_rng(4)])
+    assert one == next_one and one != other
+    for part, value in zip(one.effect.parameters, one.values, strict=True):
+        assert part.typical[0] <= value <= part.typical[1]
+
+
+def _harder_rock(depth, regime, ratio, own, p):
     return depth * (1.0 - p[0] * math.exp(-own[0])) if regime == 1 else depth
 
 
@@ -223,7 +444,7 @@ def _count_release(before, after, own, p):
 def test_effect_of_ones_own_may_act_at_switches():
     effect = Effect(
         "rock-hardening", "The rock hardens with each blow.", "k_l (1 - a exp(-N))", "constitutive",
-        (Parameter("a", "share missing at first", "1", 0.0, 0.9, 0.0),), ("contact",), ("loading",), "none",
+        (Parameter("a", "share missing at first", "1", 0.0, 0.9, 0.0, (0.1, 0.5)),), ("contact",), ("loading",), "none",
         (Extra("N", "contacts so far", "1", 1.0),), shape=_harder_rock, switched=_count_release,
     )  # fmt: skip
     result = run(effects.Chosen(effect, (0.5,)))
@@ -239,11 +460,12 @@ def test_bad_choice_is_said_in_one_line():
         ("give one of", lambda: make("contact-rat")),
         ("its parameters are chi", lambda: make("contact-rate", xi=1.0)),
         ("outside 0 to 20", lambda: make("contact-rate", chi=-1.0)),
+        ("no parameter 'n_u'", lambda: make("contact-power-law", n_u=1.5)),
         ("not a number", lambda: make("contact-rate", chi="1")),
     ):
         with pytest.raises(InputError, match=message) as caught:
             call()
         assert "\n" not in str(caught.value)
-    sensor = Effect("mains-hum", "Hum.", "-", "constitutive", (), ("sensor",), effects.EVERYWHERE, "none")
-    with pytest.raises(InputError, match="does not act on the motion"):
-        run(effects.Chosen(sensor, ()))
+    for name in [*SENSORS, "viscous-damping", "dry-friction"]:
+        with pytest.raises(InputError, match="does not act on the motion"):
+            run(make(name))

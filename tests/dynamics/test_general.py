@@ -7,7 +7,19 @@ from scipy.integrate import solve_ivp
 
 from drillenv.checks import InputError
 from drillenv.dynamics import effects
-from drillenv.dynamics.general import FREE, LOADING, UNLOADING, Start, run_general
+from drillenv.dynamics.general import (
+    DONE,
+    FREE,
+    LOADING,
+    UNLOADING,
+    Start,
+    first_state,
+    integrate,
+    make_scratch,
+    model_for,
+    run_general,
+    start_at,
+)
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS, Rock
 
@@ -101,7 +113,7 @@ def test_linear_law_agrees_with_scipy(setting, case, periods):
 
 def test_power_law_agrees_with_scipy():
     setting, seconds = Setting(60.0, 0.45, 1.0), 12 / 60.0
-    chosen = [effects.make("contact-power-law", n_l=1.5, n_u=1.5)]
+    chosen = [effects.make("contact-power-law", n=1.5)]
     run = run_general(Rig(), setting, ROCKS[4], seconds, 1 / seconds, effects=chosen)
     assert len(run.impacts.time) > 10
     compare(run, Peer(Rig(), setting, ROCKS[4], 1.5, 1.5).run(seconds), 1e-10)
@@ -110,7 +122,7 @@ def test_power_law_agrees_with_scipy():
 def test_energy_balance_closes():
     every = [
         effects.make("contact-rate", chi=0.5),
-        effects.make("contact-power-law", n_l=1.2, n_u=1.2),
+        effects.make("contact-power-law", n=1.2),
         effects.make("damping-quadratic", c2=500.0),
         effects.make("stiffness-hardening", k3=1e9),
         effects.make("drive-harmonics", h2=0.1, phi2=0.3, h3=0.05, phi3=-1.0),
@@ -190,6 +202,45 @@ def test_run_goes_on_where_it_ended():
     assert abs(first.end_origin + second.end_origin - whole.end_origin) < 1e-13
     count = len(first.impacts.time)
     assert np.allclose(second.impacts.time + 0.1, whole.impacts.time[count:], rtol=0, atol=1e-12)
+
+
+def every_effect():
+    """Every effect that acts on the motion, in the middle of its typical strength."""
+    moving = [effect for effect in effects.REGISTRY.values() if effect.moves_rig]
+    middle = {e.name: {p.symbol: sum(p.typical) / 2 for p in e.parameters} for e in moving}
+    return tuple(effects.make(name, **values) for name, values in middle.items())
+
+
+def test_one_second_is_two_halves_with_every_effect():
+    """Slides, counts of impacts, pressures and the mount are carried over."""
+    setting, chosen = Setting(60.0, 0.45, 1.0), every_effect()
+    whole = run_general(Rig(), setting, ROCKS[4], 1.0, 0.0, effects=chosen)
+    first = run_general(Rig(), setting, ROCKS[4], 0.5, 0.0, effects=chosen)
+    second = run_general(Rig(), setting, ROCKS[4], 0.5, 0.0, first.end_phase, first.end, chosen)
+    assert len(whole.impacts.time) > 50
+    assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
+    assert np.allclose(second.end.extra, whole.end.extra, rtol=1e-9, atol=1e-9)
+    assert abs(second.end.face - whole.end.face) < 1e-9 and second.end.regime == whole.end.regime
+    assert abs(first.end_origin + second.end_origin - whole.end_origin) < 1e-9
+
+
+def test_intervals_by_the_kernel_are_the_run():
+    """What steps the engine interval by interval with the setting changed in between: states in and out by hand."""
+    chosen, settings = every_effect(), [Setting(60.0, 0.45, 1.0), Setting(75.0, 0.5, 1.2), Setting(60.0, 0.4, 0.8)]
+    start, phase, place = None, 0.3, 0.0
+    state, by_hand, origin = None, 0.3, 0.0
+    for setting in settings:
+        run = run_general(Rig(), setting, ROCKS[4], 0.1, 0.0, phase, start, chosen)
+        start, phase, place = run.end, run.end_phase, place + run.end_origin
+
+        model, order = model_for(Rig(), setting, ROCKS[4], chosen)
+        z, regime = first_state(model, state, chosen, order)
+        scratch = make_scratch(z.size, len(chosen))
+        ended = integrate(model, by_hand, z, regime, 0.1, 0.0, np.zeros((0, 8 + model.tally)), 1e-12, scratch)
+        assert ended[0] == DONE
+        state, by_hand = start_at(model, z, ended[2], chosen, order), ended[5] % (2 * math.pi)
+        origin += ended[3] + ended[4]
+    assert state == start and by_hand == phase and origin == place
 
 
 def test_drift_costs_no_digits():

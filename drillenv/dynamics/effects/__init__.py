@@ -1,23 +1,30 @@
 """Physics the paper leaves out: one file an effect, found by walking this package.
 
 To add an effect, write one new module here that sets ``EFFECT``; nothing else changes. The module says everything about
-the effect once: words, equation, source, parameters, and up to three plain functions that the general engine compiles:
+the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is one to three plain
+functions that the general engine compiles:
 
 ``term(now, own, p, push, rates)``
     Smooth forces. Add to ``push[ON_SHAKER]`` and ``push[ON_INDENTER]`` (N, positive toward the rock) and to
     ``push[ON_ROCK]`` (N, positive: the rock resists more; ignored out of contact). ``now`` is a :class:`Moment`, ``p``
     the parameters in their order, ``own`` the effect's extra states, whose time derivatives go to ``rates``. The
     engine takes care that the contact never pulls.
-``shape(depth, regime, own, p) -> depth``
-    Bends the rock law to ``R = k * shape(depth)``: rising, 0 at 0, and defined for negative depths too, since a trial
-    step may overshoot. Shapes of several effects follow one another.
+``shape(depth, regime, ratio, own, p) -> depth``
+    Bends the rock law to ``R = k * shape(depth)``, k being k_l while loading and k_u while unloading, ``ratio`` their
+    quotient k_l / k_u: rising, 0 at 0, and defined for negative depths too, since a trial step may overshoot. Shapes of
+    several effects follow one another. So that the rock gives nothing away, each force must be reached on a way out
+    that is no softer than the way in.
 ``switched(before, after, own, p)``
     Called at each change of regime; may change the effect's extra states. What a shape reads may change only where a
     contact begins or ends, or the force would jump.
 
-All are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With every
-parameter at its neutral value an effect must change nothing, to the last bit. Dry friction and other jumps of the force
-do not fit ``term``: the engine finds no switch in there, and a jump rounded off in silence would be another rig.
+These are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With
+every parameter at its neutral value an effect must change nothing, to the last bit. A corner in a force is found by the
+control of the step's error; a jump is not, and must not hide in a ``term``. The one jump that the engine follows is dry
+friction: an effect that ``grips`` a mass states only its limit, as its first parameter, and the engine does the rest.
+
+Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
+what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig.
 """
 
 from __future__ import annotations
@@ -28,6 +35,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple
+
+import numpy as np
 
 from drillenv.checks import InputError, choice, number
 
@@ -77,6 +86,33 @@ class Moment(NamedTuple):
     ku: float
 
 
+class Channels(NamedTuple):
+    """What the sensors of the rig give, sampled evenly. SI, and V for the excitation; arrays have shape (samples,)."""
+
+    rate: float
+    """Samples a second."""
+    begin: float
+    """s, the time of the first sample."""
+    excitation: np.ndarray
+    """V."""
+    force: np.ndarray
+    """N, of the rock, positive in compression."""
+    acceleration: np.ndarray
+    """m/s^2, of the indenter."""
+    from_rest: bool = False
+    """Whether the rig stood still before the first sample, so that every channel was 0. Otherwise a sensor that
+    remembers takes each channel to have stood at its first value."""
+
+    def before(self, signal: np.ndarray) -> float:
+        """What a channel stood at before its first sample."""
+        return 0.0 if self.from_rest or not signal.size else float(signal[0])
+
+    @property
+    def time(self) -> np.ndarray:
+        """s, of each sample."""
+        return self.begin + np.arange(self.force.size) / self.rate
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """A parameter of an effect. With all of them at ``neutral`` the effect is as if absent."""
@@ -87,6 +123,8 @@ class Parameter:
     low: float
     high: float
     neutral: float
+    typical: tuple[float, float]
+    """Lowest and highest strength that a laboratory may meet and that shows on the paper's rig: a judgement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +163,28 @@ class Effect:
     """Its term needs the whole force of the rock, so it is called after the others."""
     moves_face: bool = False
     """Its first extra state is the speed of the rock's face in m/s."""
+    grips: int | None = None
+    """``ON_SHAKER`` or ``ON_INDENTER``: dry friction holds this mass back, up to the first parameter in N. Its first
+    extra state is the way the mass slides: 1, -1, or 0 while it sticks."""
+    measure: Callable[[Channels, Channels, tuple[float, ...]], Channels] | None = None
+    """What a sensor makes of the channels: from the true ones and from those that the sensors before it have read."""
+    stage: int = 0
+    """Sensors act in rising order of it: 0 what the transducer is fastened to, 1 to 3 the transducer and its line, 4
+    what the line picks up, 5 its zero."""
+    needs_fine: bool = False
+    """``measure`` follows the signal between samples, so it wants them dense."""
+    on_body: Callable[..., np.ndarray] | None = None
+    """Force in N on the mass of a one-body rig, to be added to mass * acceleration = force - law."""
 
     @property
     def neutral(self) -> tuple[float, ...]:
         """The neutral values, in the order of the parameters."""
         return tuple(parameter.neutral for parameter in self.parameters)
+
+    @property
+    def moves_rig(self) -> bool:
+        """Whether it acts on the motion of the drilling rig, so that the general engine takes it."""
+        return self.term is not None or self.shape is not None or self.grips is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +200,7 @@ class Chosen:
         return self.values == self.effect.neutral
 
 
-def make(name: str, **values: float) -> Chosen:
+def make(name: str, /, **values: float) -> Chosen:
     """An effect of the registry with values for its parameters by symbol; those left out are neutral.
 
     Raises:
@@ -162,6 +217,16 @@ def make(name: str, **values: float) -> Chosen:
         for part in effect.parameters
     ]
     return Chosen(effect, tuple(chosen))
+
+
+def drawn(name: str, rng: np.random.Generator) -> Chosen:
+    """An effect of the registry at a strength drawn at random: each parameter evenly from its typical range.
+
+    Raises:
+        InputError: no such effect.
+    """
+    choice("effect", name, tuple(REGISTRY))
+    return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in REGISTRY[name].parameters})
 
 
 def _found() -> MappingProxyType[str, Effect]:

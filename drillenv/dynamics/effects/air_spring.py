@@ -14,8 +14,8 @@ EFFECT = Effect(
     equation="static force F_b - s, s' = k_a X1' - s / tau",
     source="constitutive",
     parameters=(
-        Parameter("k_a", "stiffness of the enclosed air", "N/m", 0.0, 1e6, 0.0),
-        Parameter("tau", "time the supply takes to restore the pressure", "s", 1e-3, 100.0, 1.0),
+        Parameter("k_a", "stiffness of the enclosed air", "N/m", 0.0, 1e6, 0.0, (2e4, 1.5e5)),
+        Parameter("tau", "time the supply takes to restore the pressure", "s", 1e-3, 100.0, 1.0, (0.1, 0.5)),
     ),
     balances=("shaker",),
     regimes=EVERYWHERE,

@@ -15,7 +15,7 @@ EFFECT = Effect(
         "K. H. Hunt and F. R. E. Crossley, Coefficient of restitution interpreted as damping in vibroimpact, "
         "Journal of Applied Mechanics 42 (1975) 440-445, doi:10.1115/1.3423596"
     ),
-    parameters=(Parameter("chi", "growth of the contact force with speed", "s/m", 0.0, 20.0, 0.0),),
+    parameters=(Parameter("chi", "growth of the contact force with speed", "s/m", 0.0, 20.0, 0.0, (0.2, 1.5)),),
     balances=("contact",),
     regimes=IN_CONTACT,
     energy="loses",

@@ -15,7 +15,7 @@ EFFECT = Effect(
     sentence="The shaker's force falls off as the frequency rises.",
     equation="drive amplitude F_a / sqrt(1 + (f / f_c)^2), with the parameter s = 1 / f_c",
     source="constitutive",
-    parameters=(Parameter("s", "reciprocal of the corner frequency f_c", "s", 0.0, 0.1, 0.0),),
+    parameters=(Parameter("s", "reciprocal of the corner frequency f_c", "s", 0.0, 0.1, 0.0, (1 / 400, 1 / 120)),),
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="moves",

@@ -20,9 +20,9 @@ EFFECT = Effect(
     equation="m_r u'' = R - u / s_r - 2 zeta_r sqrt(m_r / s_r) u', the rock law acting on X2 - u",
     source="constitutive",
     parameters=(
-        Parameter("s_r", "compliance of the mount, 1 / stiffness", "m/N", 0.0, 1e-5, 0.0),
-        Parameter("m_r", "mass of the rock and what it is clamped in", "kg", 0.1, 1e4, 50.0),
-        Parameter("zeta_r", "damping ratio of the mount", "1", 0.0, 2.0, 0.05),
+        Parameter("s_r", "compliance of the mount, 1 / stiffness", "m/N", 0.0, 1e-5, 0.0, (5e-9, 5e-8)),
+        Parameter("m_r", "mass of the rock and what it is clamped in", "kg", 0.1, 1e4, 50.0, (10.0, 100.0)),
+        Parameter("zeta_r", "damping ratio of the mount", "1", 0.0, 2.0, 0.05, (0.02, 0.2)),
     ),
     balances=("contact",),
     regimes=EVERYWHERE,

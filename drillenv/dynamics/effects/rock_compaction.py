@@ -1,0 +1,44 @@
+"""Rock that stiffens over the first impacts on a fresh face."""
+
+import math
+
+from drillenv.dynamics.effects import IN_CONTACT, Effect, Extra, Parameter
+
+
+def _shape(depth, regime, ratio, own, p):
+    return depth * (1.0 - p[0] * math.exp(-own[1] / p[1]))
+
+
+def _switched(before, after, own, p):
+    if before == 1 and after == 2:
+        own[0] += 1.0
+    elif before == 0:
+        # the stiffness may change only here, where there is no force that would jump
+        own[1] = own[0]
+
+
+EFFECT = Effect(
+    name="rock-compaction",
+    sentence="Each of the first impacts on a fresh face leaves the rock stiffer.",
+    equation=(
+        "k_l and k_u times 1 - soft exp(-N / soft_n), N the impacts on this face before the contact began "
+        "(k_l and k_u are those of the compacted rock)"
+    ),
+    source=(
+        "constitutive; that stiffness rises over the first of ten indentations is Table 2.2 of the paper, "
+        "phases impact, compression and stable"
+    ),
+    parameters=(
+        Parameter("soft", "share of the stiffness that a fresh face lacks", "1", 0.0, 0.9, 0.0, (0.15, 0.6)),
+        Parameter("soft_n", "impacts over which the lack falls to 1/e", "1", 0.1, 1e5, 1.0, (5.0, 80.0)),
+    ),
+    balances=("contact",),
+    regimes=IN_CONTACT,
+    energy="none",
+    extras=(
+        Extra("N", "impacts since the face was fresh", "1", 1.0),
+        Extra("N_contact", "N where the latest contact began", "1", 1.0),
+    ),
+    shape=_shape,
+    switched=_switched,
+)
