@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from drillenv.atlas import load_atlas as load_atlas
     from drillenv.atlas import sweep as sweep
     from drillenv.checks import InputError as InputError
+    from drillenv.diagnosis.report import Report as Report
+    from drillenv.diagnosis.report import diagnose as diagnose
     from drillenv.dynamics.motion import Motion as Motion
     from drillenv.dynamics.motion import motion as motion
     from drillenv.dynamics.motion import motions as motions
@@ -45,6 +47,7 @@ __all__ = [
     "ROCKS",
     "InputError",
     "Motion",
+    "Report",
     "Rig",
     "Rock",
     "Run",
@@ -52,6 +55,7 @@ __all__ = [
     "__version__",
     "atlas",
     "boundary",
+    "diagnose",
     "groups",
     "load_atlas",
     "motion",
@@ -65,11 +69,13 @@ _HOME = {
     "ROCKS": "rocks",
     "InputError": "checks",
     "Motion": "dynamics.motion",
+    "Report": "diagnosis.report",
     "Rig": "rig",
     "Rock": "rocks",
     "Run": "dynamics.simulate",
     "Setting": "rig",
     "boundary": "atlas",
+    "diagnose": "diagnosis.report",
     "groups": "rig",
     "load_atlas": "atlas",
     "motion": "dynamics.motion",

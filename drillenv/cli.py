@@ -123,6 +123,7 @@ def _parser() -> Parser:
         ("motion", _add_motion, "the motion that the rig settles on"),
         ("sweep", _add_sweep, "the motions along a control or the rock's stiffness: a bifurcation diagram"),
         ("atlas", _add_atlas, "where one impact a period exists, over frequency, amplitude and pressure"),
+        ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
     ):
         command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
@@ -226,6 +227,14 @@ def _add_atlas(parser: Parser) -> None:
     _add_json(parser)
     _add_rig(parser)
     parser.set_defaults(run=_atlas)
+
+
+def _add_diagnose(parser: Parser) -> None:
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="folder that holds campaign.json")
+    note = "folder for report.json and model.json; made if it is not there"
+    parser.add_argument("--out", required=True, metavar="DIR", help=note)
+    _add_json(parser)
+    parser.set_defaults(run=_diagnose)
 
 
 def _add_paper(parser: Parser) -> None:
@@ -467,6 +476,24 @@ def _axes(points: Sequence[int] | None) -> dict[str, Any]:
         n = count(f"--points of {name}", wanted, 2, 1000)
         axes[name] = [low + (high - low) * i / (n - 1) for i in range(n)]
     return axes
+
+
+def _diagnose(given: argparse.Namespace) -> None:
+    if not given.out.strip():
+        raise InputError("--out is empty: give the name of a folder")
+    folder = Path(given.out)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out is {shown(given.out)}, which is a file: give the name of a folder")
+    from drillenv.diagnosis.report import diagnose
+
+    note = (lambda text: print(text, file=sys.stderr, flush=True)) if _progress() else None
+    report = diagnose(given.campaign, note)
+    report.write(folder)
+    if given.json:
+        _print_json(report.record)
+        return
+    print(report.text())
+    print(f"wrote report.json and model.json to {folder}")
 
 
 def _paper(given: argparse.Namespace) -> None:

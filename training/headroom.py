@@ -42,11 +42,13 @@ def best_fixed(environment: str, scenario: str) -> tuple[float, float, float]:
         return float(made.scores.mean())
 
     grid = list(product(*COARSE))
-    coarse = {setting: score(setting, COARSE_EPISODES) for setting in tqdm(grid, desc="fixed settings")}
+    coarse = {
+        setting: score(setting, COARSE_EPISODES) for setting in tqdm(grid, desc="fixed settings", mininterval=5.0)
+    }
     leaders = sorted(coarse, key=lambda each: coarse[each])[-FINALISTS:]
     known = {setting: score(setting, None) for setting in leaders}
     spacing = np.array([10.0, np.diff(COARSE[1])[0], np.diff(COARSE[2])[0]])
-    for _ in tqdm(range(ROUNDS), desc="refining"):
+    for _ in tqdm(range(ROUNDS), desc="refining", mininterval=5.0):
         spacing *= SHRINK
         leader = np.array(max(known, key=lambda each: known[each]))
         for step in product((-1.0, 0.0, 1.0), repeat=3):

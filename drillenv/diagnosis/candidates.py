@@ -32,9 +32,7 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
         ({"r": 0.1, "e": 1.0}, ({"h": 2e-5},)),
     ),
     "rock-compaction": tuple(({"soft_n": n}, ({"soft": 0.1},)) for n in (4.0, 15.0, 50.0)),
-    "rock-mount-compliance": tuple(
-        ({"m_r": m, "zeta_r": 0.05}, ({"s_r": 4e-9},)) for m in (10.0, 40.0, 100.0)
-    ),
+    "rock-mount-compliance": tuple(({"m_r": m, "zeta_r": 0.05}, ({"s_r": 4e-9},)) for m in (10.0, 40.0, 100.0)),
     "stiffness-hardening": (({}, ({"k3": 5e8},)),),
     "damping-quadratic": (({}, ({"c2": 100.0},)),),
     "indenter-friction": (({}, ({"fc2": 5.0},)),),
@@ -57,10 +55,7 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
     ),
     "accelerometer-lowpass": (({}, ({"f_b": 20000.0},)), ({}, ({"f_b": 4000.0},))),
     "load-cell-inertia": (({}, ({"m_c": 0.01},)),),
-    "channel-delay": (
-        ({}, ({"delay_f": 1e-5},)),
-        ({}, ({"delay_a": 1e-5},)),
-    ),
+    "channel-delay": tuple(({}, ({f"delay_{channel}": late},)) for channel in "efa" for late in (1e-5, 1e-4, 2.5e-4)),
     "mains-hum": tuple(
         (
             {"f_m": f},
@@ -84,9 +79,7 @@ def variants() -> tuple[Variant, ...]:
     made = []
     for mechanism, entries in _VARIANTS.items():
         for held, probes in entries:
-            made.append(
-                Variant(mechanism, tuple(tuple(probe.items()) for probe in probes), tuple(held.items()))
-            )
+            made.append(Variant(mechanism, tuple(tuple(probe.items()) for probe in probes), tuple(held.items())))
     return tuple(made)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -62,7 +63,6 @@ class Conditioned:
     """1, or how many recorded samples go on one here."""
     states: np.ndarray
     """(windows, 4) first guess of k y in N, v1 and v2 in m/s and w in m at the beginning of each window."""
-
 
     def thinned(self, every: int) -> Conditioned:
         """Every so manieth sample only, for a first look; ``every`` divides GRID."""
@@ -125,13 +125,17 @@ def spring_from_force(
     mass = m1 * m2 / (m1 + m2)
     flow = np.array([[0.0, 1.0], [-k / mass, -c / mass]])
     push = rig.static_force(setting) / m1 - (rig.drive_force(setting) * np.sin(angle) - force) / m2
-    system = cont2discrete((flow, np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1))), 1 / rate, method="foh")
-    a, b, d = system[0], system[1][:, 0], system[3][:, 0]
+    given = (flow, np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1)))
+    discrete: Any = cont2discrete(given, 1 / rate, method="foh")
+    a, b, d = (np.asarray(discrete[i]) for i in (0, 1, 3))
+    b, d = b[:, 0], d[:, 0]
     # (z - A)^-1 b + d of a 2x2 system as two filters with one denominator
     denominator = np.array([1.0, -np.trace(a), np.linalg.det(a)])
     swap = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
     driven = [
-        lfilter(np.array([d[i], b[i] + d[i] * denominator[1], d[i] * denominator[2] - (swap @ b)[i]]), denominator, push)
+        lfilter(
+            np.array([d[i], b[i] + d[i] * denominator[1], d[i] * denominator[2] - (swap @ b)[i]]), denominator, push
+        )
         for i in range(2)
     ]
     values, vectors = np.linalg.eig(a)
@@ -140,6 +144,7 @@ def spring_from_force(
     if np.iscomplexobj(values):
         first = vectors[:, :1, None] * values[None, :1, None] ** steps[None, None, :]
         free = np.concatenate([first.real, first.imag], axis=1)
+    driven = np.stack([np.asarray(each) for each in driven])
     lacking = acceleration - (rig.drive_force(setting) * np.sin(angle) + k * driven[0] + c * driven[1] - force) / m2
     shape = (k * free[0] + c * free[1]) / m2
     first_steps = slice(0, min(force.size, int(0.15 * rate)))

@@ -12,9 +12,17 @@ from scipy.stats import chi2
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import parameter
 from drillenv.diagnosis.condition import Conditioned, condition
-from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit
+from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, plain_cost
 from drillenv.diagnosis.screen import Score, screen
-from drillenv.diagnosis.shooting import residual
+from drillenv.diagnosis.shooting import (
+    JOIN,
+    Physics,
+    predict,
+    quadratic,
+    residual,
+    settle_states,
+    state_slopes,
+)
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
@@ -33,8 +41,11 @@ CLEAR = 0.6
 """A rival whose first look gains less than this share of one that left nothing but noise is not fitted for good."""
 FALSE_ALARMS = 1e-4
 """Chance that one candidate gains as much where nothing is missing."""
-SLACK = 12.0
-"""Gain beyond chance that a mechanism has to bring: half a sum of squares that imperfect noise may bring too."""
+SLACK = 25.0
+"""Gain beyond chance that a mechanism has to bring, in half sums of squares of every fourth sample: noise is never
+quite white, nor is another's friction quite this one's."""
+SECOND = 60.0
+"""The same for a mechanism beside others: what is left of those that is not quite their equation."""
 SEVERAL = 3.0
 """Standard deviations away from nominal at which a constant is wrong."""
 FLOOR = 1.06
@@ -47,6 +58,8 @@ LINEAR = {
     "o_f", "o_a", "g",
 }  # fmt: skip
 """Symbols whose strength grows from nothing in proportion to the probe."""
+DELAY = (5e-5, 4e-4)
+"""Typical delays in s of any channel: only one that lags can be told, which one is for the data to say."""
 FREED = {
     "contact-toe": ("h", "r"),
     "rock-compaction": ("soft", "soft_n"),
@@ -85,6 +98,8 @@ class Outcome:
     """(mechanism, gain, why)."""
     fit_data: list[Conditioned]
     held_data: list[Conditioned]
+    nominal: Physics
+    """What the lab believed."""
     left: float = 1.0
     """Sum of squares over samples that is left, on the recordings fitted."""
     lines: list[tuple[str, str, float, float]] = field(default_factory=list)
@@ -128,7 +143,7 @@ def extended(now: Fit, score: Score) -> tuple[Hypothesis, np.ndarray]:
     free, values = [], []
     for symbol in symbols:
         entry = entries[symbol]
-        low, high = entry.typical
+        low, high = entry.typical if mechanism != "channel-delay" else DELAY
         width = 0.2 * max(abs(low), abs(high))
         reach = 3.0 * max(abs(low), abs(high))
         value = float(np.clip(start[symbol], max(entry.low, -reach), min(entry.high, reach)))
@@ -164,9 +179,38 @@ def per_sample(fitted: Fit) -> float:
     return 2.0 * fitted.cost / sum(each.samples for each in fitted.quadratics)
 
 
-def threshold(columns: int) -> float:
-    """Gain that a mechanism of so many free strengths has to bring."""
-    return 0.5 * float(chi2.isf(FALSE_ALARMS, columns)) + SLACK
+def threshold(columns: int, beside: bool = False) -> float:
+    """Gain that a mechanism of so many free strengths has to bring, alone or beside others."""
+    return 0.5 * float(chi2.isf(FALSE_ALARMS, columns)) + (SECOND if beside else SLACK)
+
+
+def replay(data: Conditioned, physics: Physics, rounds: int = 6) -> float:
+    """Root of the mean square of what a model, its constants held, leaves of a recording, over the noise.
+
+    Only the states of the windows are fitted: the recording says nothing to the constants.
+    """
+    states, made = settle_states(data, data.states, data.states, physics, 10)
+    nothing = np.zeros((0, 2, data.force.size)), np.zeros((0, len(states), 4))
+    cost = plain_cost(data, states, data.states, made, JOIN)
+    for _ in range(rounds):
+        slopes = state_slopes(data, states, physics, made)
+        step = quadratic(data, states, data.states, made, slopes, *nothing).moves.reshape(-1, 4)
+        share = 1.0
+        while share > 0.05:
+            trial = states + share * step
+            trial[:, 3] = np.minimum(trial[:, 3], 0.0)
+            said = predict(data, trial, physics)
+            reached = plain_cost(data, trial, data.states, said, JOIN)
+            if reached < cost:
+                break
+            share *= 0.4
+        if share <= 0.05:
+            break
+        gained, states, made, cost = cost - reached, trial, said, reached
+        if gained < 1.0:
+            break
+    samples = 2 * int(data.starts[-1] - data.starts[0])
+    return math.sqrt(2.0 * cost / samples)
 
 
 def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[str, str, float, float]]:
@@ -192,6 +236,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     say = note or (lambda _text: None)
     plain_hypothesis = nominal_hypothesis(campaign)
     rig = Rig(**{each.name: each.value for each in plain_hypothesis.constants[:6]})
+    believed = plain_hypothesis.physics(np.array([each.value for each in plain_hypothesis.constants]))
     workers = Workers()
     try:
         say("reading the recordings")
@@ -217,7 +262,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         final = _full(fit_data, now, workers)
         left, lines = per_sample(final), lines_left(fit_data, final)
         verdict = _verdict(final, steps, left, lines)
-        return Outcome(verdict, plain, final, steps, rejected, fit_data, held_data, left, lines)
+        return Outcome(verdict, plain, final, steps, rejected, fit_data, held_data, believed, left, lines)
     finally:
         workers.close()
 
@@ -241,18 +286,20 @@ def _tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers
 def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | None, list[tuple[str, float, str]]]:
     """The mechanism to add, and those passed over with the reason."""
     # a fit that the joints have bent says little of what is missing; the windows on their own say more
-    close = per_sample(now) <= FLOOR
+    close, beside = per_sample(now) <= FLOOR, bool(now.hypothesis.effects)
     scores = screen(thin, now, workers, 1.0) if close else screen(thin, loosely, workers, 30.0)
     best: dict[str, Score] = {}
     for score in scores:
-        best.setdefault(score.variant.mechanism, score)
+        # no channel runs ahead: that is what the others' variants are for
+        if score.variant.mechanism != "channel-delay" or score.strengths[0] > 0.0:
+            best.setdefault(score.variant.mechanism, score)
     ranked = list(best.values())
     passed = [
         (each.variant.mechanism, each.gain, "gains too little")
         for each in ranked
-        if each.gain <= threshold(len(each.variant.probes))
+        if each.gain <= threshold(len(each.variant.probes), beside)
     ]
-    rivals = [each for each in ranked if each.gain > threshold(len(each.variant.probes))]
+    rivals = [each for each in ranked if each.gain > threshold(len(each.variant.probes), beside)]
     if not rivals:
         return None, passed
     rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:RIVALS]
@@ -278,7 +325,7 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
         return None, passed
     cost, score, made, free = fits[0]
     gain = now.cost - cost
-    needed = threshold(len(made.hypothesis.parameters) - len(now.hypothesis.parameters))
+    needed = threshold(len(made.hypothesis.parameters) - len(now.hypothesis.parameters), beside)
     passed += [(each[1].variant.mechanism, now.cost - each[0], "explains less") for each in fits[1:]]
     if gain <= needed:
         return None, [*passed, (score.variant.mechanism, gain, "gains too little once fitted")]
@@ -304,5 +351,3 @@ def _verdict(final: Fit, steps: Sequence[Step], left: float, lines: Sequence[obj
         for value, each in zip(final.values, final.hypothesis.constants, strict=True)
     ]
     return "parameters" if max(off) > SEVERAL else "agrees"
-
-

@@ -230,7 +230,7 @@ def fit(
             lambda data, own, base: columns_for(data, own, hypothesis, at, base), recordings, now, made
         )
         parts = [
-            quadratic(data, own, first, base, slope, *column, join)
+            quadratic(data, own, first, base, slope, column[0], column[1], join)
             for data, own, first, base, slope, column in zip(recordings, now, guess, made, slopes, columns, strict=True)
         ]
 

@@ -51,9 +51,7 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
             try:
                 for probe in variant.probes:
                     motion, sensors = split_effects((make(variant.mechanism, **dict(variant.held), **dict(probe)),))
-                    with_it = physics._replace(
-                        motion=(*physics.motion, *motion), sensors=(*physics.sensors, *sensors)
-                    )
+                    with_it = physics._replace(motion=(*physics.motion, *motion), sensors=(*physics.sensors, *sensors))
                     change = scaled_change(data, predict(data, states, with_it), base, 1.0)
                     channels.append(change[0])
                     ends.append(change[1])

@@ -18,8 +18,8 @@ import numpy as np
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.dynamics.effects import Channels, Chosen
 from drillenv.diagnosis.plain import run_windows
+from drillenv.dynamics.effects import Channels, Chosen
 from drillenv.dynamics.exact import STATE_SIZE
 from drillenv.dynamics.exact import make_scratch as exact_scratch
 from drillenv.dynamics.flow import FREE, make_model, set_drive
@@ -83,7 +83,9 @@ def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float
     states[:, 0] /= physics.rig.stiffness
     states[:, 3] = np.minimum(states[:, 3], 0.0)
     # a sensor that rings or lags has to be followed between the samples
-    fine = data.thin * (FINE if any(each.effect.needs_fine for each in physics.sensors) else 1) if physics.sensors else 1
+    fine = (
+        data.thin * (FINE if any(each.effect.needs_fine for each in physics.sensors) else 1) if physics.sensors else 1
+    )
     run = _with_effects if physics.motion else _plain
     force, acceleration, ends = run(data, states, physics, fine, rtol)
     ends[:, 0] *= physics.rig.stiffness
@@ -239,7 +241,7 @@ def quadratic(
             b[at] += own @ columns[:, :, piece].reshape(p, -1).T
         a[at, at] += np.diag(GUESS**-2.0)
         g[at] += (guess[k] - states[k]) * GUESS**-2.0
-    flat = columns.reshape(p, -1)
+    flat = columns.reshape(p, left.size)
     gradient, curvature = flat @ left.reshape(-1), flat @ flat.T
     value = 0.5 * float(left.reshape(-1) @ left.reshape(-1))
     for k in range(windows - 1):

@@ -191,9 +191,9 @@ def draw_rig(rig: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def draw_effect(rng: np.random.Generator) -> dict[str, dict[str, float]]:
     """One effect of the registry that acts on the drilling rig's motion, at a strength that a lab might meet."""
-    from drillenv.dynamics.effects import REGISTRY
+    from drillenv.dynamics.effects import REGISTRY, drawn
 
-    acting = [effect for effect in REGISTRY.values() if effect.term or effect.shape]
-    effect = acting[int(rng.integers(len(acting)))]
-    values = {parameter.symbol: float(rng.uniform(*parameter.typical)) for parameter in effect.parameters}
-    return {effect.name: values}
+    acting = [name for name, effect in REGISTRY.items() if effect.moves_rig]
+    chosen = drawn(acting[int(rng.integers(len(acting)))], rng)
+    symbols = (parameter.symbol for parameter in chosen.effect.parameters)
+    return {chosen.effect.name: dict(zip(symbols, chosen.values, strict=True))}

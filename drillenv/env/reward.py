@@ -23,8 +23,8 @@ class Reward:
         penetration * rate * (other_motions + (1 - other_motions) * strong_share) - force * excess - energy * power
 
     with the penetration ``rate`` in mm/s, ``strong_share``, the share of the excitation periods with one blow like the
-    one before (P-1-I-1), each counted by its peak force over the rating, at most 1, ``excess``, the force above the rating summed over the impacts of a period in
-    kN, and the mean ``power`` of the drive in W.
+    one before (P-1-I-1), each counted by its peak force over the rating, at most 1, ``excess``, the force above the
+    rating summed over the impacts of a period in kN, and the mean ``power`` of the drive in W.
 
     Args:
         penetration: Worth of the penetration rate, in mm/s for 1 mm/s.

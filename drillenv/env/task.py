@@ -83,6 +83,12 @@ class Task:
             self.scenario = read_scenario(scenario)
             if not self.scenario.episodes[self.kind]:
                 raise InputError(f"scenario {shown(scenario)} has no episodes of the kind {self.kind}: take another")
+        for chosen in self.corrected.effects:
+            if not chosen.effect.moves_rig:
+                raise InputError(
+                    f"model has the effect {chosen.effect.name}, which does not act on the motion of the drilling rig: "
+                    "leave it out of a model for an environment"
+                )
         self.reward: Reward = read_reward(reward)
         self.increment = choice("actions", actions, ACTIONS) == "increment"
         self.window = choice("observations", observations, OBSERVATIONS) == "window"

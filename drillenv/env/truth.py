@@ -72,8 +72,8 @@ TRUTH = (
     "layer",
     "depth",
 )
-"""The columns of a row of truth. In mm/s; 1; 1; 1; N, N, N; 1; four in m/s^2; 1, 1; N; W, W; P-n-I-m as n and m (0 where
-the motion did not repeat); Hz, V, bar, bar; N/m, N/m; 1; mm."""
+"""The columns of a row of truth. In mm/s; 1; 1; 1; N, N, N; 1; four in m/s^2; 1, 1; N; W, W; P-n-I-m as n and m (0
+where the motion did not repeat); Hz, V, bar, bar; N/m, N/m; 1; mm."""
 (
     T_RATE,
     T_IMPACTS,

@@ -1,0 +1,283 @@
+"""The answer: a record for programs, a model file, and text for people."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drillenv.checks import InputError, shown
+from drillenv.corrected import Corrected, write_model
+from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill, per_sample, replay
+from drillenv.diagnosis.fit import Fit
+from drillenv.diagnosis.shooting import residual
+from drillenv.dynamics.effects import REGISTRY
+from drillenv.files import whole
+from drillenv.recordings import Campaign, QualityFinding, check_quality, read_campaign
+
+CELLS = ("no contact", "loading", "unloading")
+UNITS = {
+    "shaker_mass": "kg",
+    "indenter_mass": "kg",
+    "stiffness": "N/m",
+    "damping": "N*s/m",
+    "drive_gain": "1",
+    "pressure_gain": "1",
+    "loading_stiffness": "N/m",
+    "unloading_stiffness": "N/m",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a diagnosis says."""
+
+    record: Mapping[str, Any]
+    """As ``report.json``: verdict, where, findings, parameters, fit, rejected, quality."""
+    model: Corrected
+    """The corrected model, as ``model.json``."""
+
+    @property
+    def verdict(self) -> str:
+        """agrees, parameters, missing-physics or unexplained."""
+        return self.record["verdict"]
+
+    def text(self) -> str:
+        """For a terminal."""
+        return _text(self.record)
+
+    def write(self, folder: str | os.PathLike[str]) -> None:
+        """Write report.json and model.json into a folder, which is made where there is none.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        place = Path(folder)
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot make the folder {shown(str(folder))}: {error.strerror}; give another") from None
+        with whole(place / "report.json") as part:
+            part.write_text(json.dumps(self.record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_model(place / "model.json", self.model)
+
+
+def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], object] | None = None) -> Report:
+    """Find out where and why the recordings of a drilling rig differ from the simulation.
+
+    Args:
+        campaign: A campaign, or the folder of one.
+        note: Told what is being done.
+
+    Raises:
+        InputError: the campaign cannot be read, is not of a drilling rig, or holds too little that can be used.
+    """
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    if campaign.rig != "percussive-drill":
+        raise InputError(f"campaign {shown(campaign.title)} is of the rig {campaign.rig}: give one of percussive-drill")
+    faults = check_quality(campaign)
+    bad = {each.recording for each in faults if each.severity in ("exclude recording", "exclude channel")}
+    kept = tuple(each for each in campaign.recordings if each.name not in bad)
+    if len(kept) < 3:
+        reasons = "; ".join(str(each) for each in faults[:3])
+        raise InputError(f"{len(kept)} recordings can be used, give at least three sound ones ({reasons})")
+    if len(kept) < len(campaign.recordings):
+        campaign = Campaign(campaign.title, campaign.rig, campaign.nominal, kept, campaign.folder, campaign.source)
+    outcome = diagnose_drill(campaign, note)
+    return _report(outcome, faults)
+
+
+def _report(outcome: Outcome, faults: tuple[QualityFinding, ...]) -> Report:
+    final = outcome.final
+    physics = final.hypothesis.physics(final.values)
+    explained = outcome.verdict != "unexplained"
+    cells = excess(outcome)
+    record: dict[str, Any] = {
+        "verdict": outcome.verdict,
+        "where": _where(outcome, cells),
+        "findings": _findings(outcome) if explained else [],
+        "parameters": _parameters(final) if explained else {},
+        "fit": _fit(outcome),
+        "rejected": [
+            {"mechanism": mechanism, "why": f"{why} ({gain:.0f} of half a sum of squares)"}
+            for mechanism, gain, why in outcome.rejected
+        ],
+        "quality": [str(each) for each in faults],
+        "cells": cells,
+    }
+    model = Corrected(physics.rig, physics.rock, (*physics.motion, *physics.sensors)) if explained else Corrected()
+    return Report(record, model)
+
+
+def excess(outcome: Outcome) -> list[dict[str, Any]]:
+    """Where the paper's model, its constants fitted, fails: mean square over the noise's by recording, channel, regime.
+
+    1 where nothing but the noise is left.
+    """
+    fitted = outcome.plain
+    cells = []
+    thin = [each.thinned(4) for each in outcome.fit_data]
+    for data, made in zip(thin, fitted.predictions, strict=True):
+        left = residual(data, made)
+        inside = np.zeros(data.force.size, dtype=bool)
+        inside[data.starts[0] : data.starts[-1]] = True
+        touching = made.force > 0.0
+        rising = np.gradient(made.force) > 0.0
+        for regime, mask in zip(CELLS, (~touching, touching & rising, touching & ~rising), strict=True):
+            mask = mask & inside
+            for channel, signal in zip(("force", "acceleration"), left, strict=True):
+                if mask.any():
+                    cells.append(
+                        {
+                            "recording": data.name,
+                            "channel": channel,
+                            "regime": regime,
+                            "samples": int(mask.sum()),
+                            "mean_square": float(np.mean(signal[mask] ** 2)),
+                        }
+                    )
+    return cells
+
+
+def _where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
+    """Balance, regimes and recordings of the mismatch, and a sentence."""
+    if outcome.verdict == "agrees":
+        text = "What is left is noise within the stated tolerances of the constants."
+        return {"balance": None, "regimes": [], "recordings": [], "summary": text}
+    if outcome.verdict == "parameters":
+        return {
+            "balance": "contact" if any("loading" in name for name in _parameters(outcome.final)) else "indenter",
+            "regimes": list(CELLS),
+            "recordings": [each.name for each in outcome.fit_data],
+            "summary": "Constants that are off by several of their tolerances explain all of it.",
+        }
+    if outcome.steps and outcome.verdict == "missing-physics":
+        effects = [REGISTRY[step.mechanism] for step in outcome.steps]
+        return {
+            "balance": effects[0].balances[0],
+            "regimes": list(effects[0].regimes),
+            "recordings": sorted({each["recording"] for each in cells if each["mean_square"] > 1.1}),
+            "summary": " ".join(effect.sentence for effect in effects),
+        }
+    surplus = {
+        key: sum((each["mean_square"] - 1.0) * each["samples"] for each in cells if _cell(each) == key)
+        for key in {_cell(each) for each in cells}
+    }
+    channel, regime = max(surplus, key=lambda key: surplus[key])
+    lines = ", ".join(sorted({f"{frequency:.1f} Hz" for _name, _channel, frequency, _power in outcome.lines})[:6])
+    text = f"Most of what is left is in the {channel}, {regime}."
+    return {
+        "balance": "contact" if channel == "force" and regime != "no contact" else "indenter",
+        "regimes": [regime],
+        "recordings": sorted({each["recording"] for each in cells if each["mean_square"] > 1.1}),
+        "summary": text + (f" It is periodic: {lines}." if lines else ""),
+    }
+
+
+def _cell(cell: Mapping[str, Any]) -> tuple[str, str]:
+    return cell["channel"], cell["regime"]
+
+
+def _findings(outcome: Outcome) -> list[dict[str, Any]]:
+    """One entry for each mechanism."""
+    final = outcome.final
+    spread = np.sqrt(np.diag(final.covariance))
+    strengths = {
+        each.name: (value, std)
+        for each, value, std in zip(final.hypothesis.parameters, final.values, spread, strict=True)
+    }
+    findings = []
+    for step in outcome.steps:
+        effect = REGISTRY[step.mechanism]
+        parameters = {}
+        for entry in effect.parameters:
+            known = strengths.get(f"{step.mechanism} {entry.symbol}")
+            if known is not None:
+                value, std = known
+                parameters[entry.symbol] = {"value": float(value), "std": float(std), "unit": entry.unit}
+        findings.append(
+            {
+                "mechanism": step.mechanism,
+                "equivalents": list(step.equivalents),
+                "explanation": effect.sentence,
+                "parameters": parameters,
+                "evidence": {
+                    "gain": round(step.gain, 1),
+                    "gain_needed": round(step.threshold, 1),
+                    "equation": effect.equation,
+                    "source": effect.source,
+                },
+            }
+        )
+    return findings
+
+
+def _parameters(final: Fit) -> dict[str, Any]:
+    """Constants that are off by several of their tolerances."""
+    spread = np.sqrt(np.diag(final.covariance))
+    return {
+        each.name: {
+            "value": float(value),
+            "std": float(std),
+            "unit": UNITS[each.name],
+            "nominal": float(each.value),
+        }
+        for each, value, std in zip(final.hypothesis.constants, final.values, spread, strict=False)
+        if abs(value - each.value) > SEVERAL * each.width
+    }
+
+
+def _fit(outcome: Outcome) -> dict[str, Any]:
+    """How well it fits, in standard deviations of the sensors' noise."""
+    physics = outcome.final.hypothesis.physics(outcome.final.values)
+
+    def left(recordings, model) -> float | None:
+        if not recordings:
+            return None
+        return round(math.sqrt(float(np.mean([replay(each, model) ** 2 for each in recordings]))), 4)
+
+    return {
+        "unit": "standard deviations of the sensors' noise, root mean square over force and acceleration",
+        "noise_floor": 1.0,
+        "fitted": {
+            "recordings": [each.name for each in outcome.fit_data],
+            "before": left(outcome.fit_data, outcome.nominal),
+            "after": round(math.sqrt(per_sample(outcome.final)), 4),
+        },
+        "held_out": {
+            "recordings": [each.name for each in outcome.held_data],
+            "before": left(outcome.held_data, outcome.nominal),
+            "after": left(outcome.held_data, physics),
+        },
+    }
+
+
+def _text(record: Mapping[str, Any]) -> str:
+    """The report on a page of text."""
+    lines = [f"verdict: {record['verdict']}", record["where"]["summary"]]
+    for finding in record["findings"]:
+        strengths = ", ".join(
+            f"{symbol} = {entry['value']:.4g} +- {entry['std']:.2g} {entry['unit']}"
+            for symbol, entry in finding["parameters"].items()
+        )
+        lines.append(f"mechanism: {finding['mechanism']} ({strengths})")
+        if finding["equivalents"]:
+            lines.append(f"  these recordings cannot tell it from: {', '.join(finding['equivalents'])}")
+    for name, entry in record["parameters"].items():
+        found = f"{entry['value']:.6g} +- {entry['std']:.2g} {entry['unit']}"
+        lines.append(f"constant: {name} = {found}, believed {entry['nominal']:g}")
+    held = record["fit"]["held_out"]
+    if held["recordings"]:
+        lines.append(
+            f"held out ({', '.join(held['recordings'])}): "
+            f"{held['before']} times the noise before, {held['after']} after"
+        )
+    lines += [f"quality: {each}" for each in record["quality"]]
+    return "\n".join(lines)
