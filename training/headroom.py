@@ -24,7 +24,13 @@ from drillenv.env.truth import T_EXCESS, T_RATE, T_STRONG
 from drillenv.files import whole
 from training.rollout import Rollout, rollout
 
-COARSE = (np.array([80.0, 100.0, 110.0, 120.0]), np.linspace(*RANGES[1], 7), np.linspace(*RANGES[2], 7))
+
+def _evenly(control: int) -> np.ndarray:
+    """Seven values over the range of a control."""
+    return np.linspace(RANGES[control, 0], RANGES[control, 1], 7)
+
+
+COARSE = (np.array([80.0, 100.0, 110.0, 120.0]), _evenly(1), _evenly(2))
 """Hz, V and bar of the first grid of fixed settings."""
 COARSE_EPISODES = 20
 FINALISTS = 5

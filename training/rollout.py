@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from controllers import Controller
 from drillenv.checks import count
 from drillenv.env.registration import KINDS, STEPS
+from drillenv.env.scenarios import read_scenario
 from drillenv.env.truth import TRUTH, TRUTH_SIZE
 from drillenv.env.vector import DrillVectorEnv
 
@@ -50,8 +51,8 @@ def rollout(
         steps: How many of each; those of the registration where left out.
         threads: Of the environment; all cores where left out.
     """
-    task = {"kind": KINDS[environment], "scenario": scenario}
-    available = len(DrillVectorEnv(1, **task).task.scenario.episodes[KINDS[environment]])
+    task: dict[str, Any] = {"kind": KINDS[environment], "scenario": scenario}
+    available = len(read_scenario(scenario).episodes[KINDS[environment]])
     n = available if episodes is None else count("episodes", episodes, 1, available)
     length = STEPS[environment] if steps is None else count("steps", steps, 1, 1_000_000)
     envs = DrillVectorEnv(n, threads=threads, **task)

@@ -29,7 +29,7 @@ from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
 RTOL = 1e-8
-FINE = 4
+FINE = 16
 """Points a sample at which a sensor that rings or lags is followed."""
 STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
 """By how much the spring's force k y (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is

@@ -68,6 +68,7 @@ from drillenv.env.plant import (
     Plants,
     held_pressure,
     leave_rock,
+    never_left,
     note_impact,
     set_layer,
     set_setting,
@@ -114,6 +115,12 @@ def sprung_depth(model: Model, regime: int, z: np.ndarray) -> float:
     if regime == FREE:
         return 0.0
     return z[W] if regime == UNLOADING else law_depth(model, UNLOADING, law_force(model, LOADING, z[W], z), z)
+
+
+@njit(**KERNEL)
+def depth_at_force_of(model: Model, changed: Model, regime: int, z: np.ndarray) -> float:
+    """Depth in m at which another rock resists as this one does now."""
+    return law_depth(changed, regime, law_force(model, regime, z[W], z), z)
 
 
 @njit(**KERNEL)
@@ -341,6 +348,24 @@ class _Interval:
         sums[S_CYCLES] = INTERVAL * setting.frequency
         sums[S_ROCK] = self.z[self.model.tally + IN_ROCK] - (self._sprung() - sprung_before)
         self._harmonics(begin_theta)
+        if never_left(state, sums):
+            self._change_under_load()
+
+    def _change_under_load(self) -> None:
+        """As ``plant.change_under_load``, with the rock law as the effects bend it."""
+        regime, layer = int(self.state[REGIME]), self.memory[LAYER]
+        if not leave_rock(self.row, self.state, self.constants, self.layers, self.memory):
+            return
+        set_layer(self.row, self.constants, self.layers, self.memory)
+        setting = self.setting
+        set_setting(self.row, self.constants, setting.frequency, setting.amplitude, self.memory[PRESSURE])
+        changed = on_rock(self.model, self.row)
+        place = depth_at_force_of(self.model, changed, regime, self.z)
+        shift_origin(self.state, self.z[W] - place)
+        self.z[W] = self.state[3] = place
+        self.model = changed
+        if self.memory[LAYER] != layer:
+            self._refresh_face()
 
     def _face(self) -> float:
         """Xf in m."""

@@ -8,8 +8,10 @@ The plant is that of :mod:`drillenv.dynamics.exact` with what a real rig adds ar
 - A fresh face stiffens: blow after blow the stiffnesses go through the ten indentations of Table 2.2 (one impact, four
   of compression, then stable), each lasting ``blows`` impacts.
 
-Stiffnesses change only where the indenter leaves the rock, so the force never jumps. Voltage and frequency act at once;
-the phase of the excitation, the motion, the face and the pressure go on over the border of two intervals.
+Stiffnesses change where the indenter leaves the rock, so the force never jumps. An indenter that is pressed so hard
+that it does not leave the rock for a whole interval meets the new stiffness at the interval's end: the force goes on
+from where it is, and the place it is counted from moves. Voltage and frequency act at once; the phase of the
+excitation, the motion, the face and the pressure go on over the border of two intervals.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ from drillenv.dynamics.exact import (
     fresh_state,
     probe_contact,
     probe_free,
+    shift_origin,
 )
 from drillenv.dynamics.flow import (
     AMPLITUDE,
@@ -224,6 +227,25 @@ def leave_rock(model: np.ndarray, state: np.ndarray, rig: np.ndarray, layers: np
 
 
 @njit(**INLINE)
+def never_left(state: np.ndarray, sums: np.ndarray) -> bool:
+    """Whether the indenter has been on the rock for a whole interval, at its end."""
+    return state[REGIME] != FREE and sums[S_CONTACT_TIME] >= INTERVAL * (1.0 - 1e-9)
+
+
+@njit(**INLINE)
+def change_under_load(model, state, rig, layers, memory, held: float):
+    """What ``leave_rock`` does for an indenter that does not leave it; ``held`` is the pressure in bar."""
+    regime = int(state[REGIME])
+    before = model[regime, STIFFNESS]
+    if leave_rock(model, state, rig, layers, memory):
+        set_layer(model, rig, layers, memory)
+        set_setting(model, rig, memory[FREQUENCY], memory[VOLTAGE], held)
+        scaled = state[W] * before / model[regime, STIFFNESS]
+        shift_origin(state, state[W] - scaled)
+        state[W] = scaled
+
+
+@njit(**INLINE)
 def sample(model, state, regime: int, scratch: Scratch, theta: float, t: float, index: int, sums: np.ndarray):
     """Add one sample of the motion, ``t`` into the regime that began at phase ``theta``, to the sums."""
     if regime == FREE:
@@ -340,6 +362,8 @@ def drill(plants: Plants, i: int, setting, sums, peaks, window, scratch: Scratch
                 column += 1
             now = following
     sums[S_PENETRATION] = depth_of_face(model, state) - depth_before
+    if never_left(state, sums):
+        change_under_load(model, state, rig, layers, memory, memory[PRESSURE])
     sums[S_CYCLES] = INTERVAL * frequency
     sums[S_DRIVE] *= INTERVAL / max(index, 1)
     for k in range(2 * HARMONICS):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drillenv.recordings.body_law import MOVING, compared, law, mass, source_of
 from drillenv.recordings.campaign import Campaign, Recording
 from drillenv.recordings.document import Nominal
 from drillenv.recordings.findings import (
@@ -31,7 +32,6 @@ from drillenv.recordings.units import CHANNEL_UNITS, how_much, slip_of
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MOVING = ("position", "velocity", "acceleration")
 LEAST_SAMPLES = 50
 SAME_SHAPE = 0.9
 """Correlation from which one channel is taken for the integral of another."""
@@ -41,12 +41,14 @@ EXPLAINED, FAILS = 0.8, 0.5
 """Share of the force's variance that a force balance explains where the channels are right, and where they are not."""
 COUNTS = 0.3
 """Partial correlation from which a coefficient says something."""
-MOST_FITTED = 5000
-"""Samples enter a fit, evenly spread: what it is to tell apart differs by factors."""
+ON_THE_WAY = 0.2
+"""Of the usual speed, at which a body does not stick."""
+BEYOND = 0.5
+"""Of the range of the samples that a fit was made to."""
+SURELY_MOVED = 5.0
+"""Steps of the position."""
 LEAST_HELD = 8
 """Equal samples in a row that are held against the force balance."""
-SMOOTHINGS = (5, 11, 21, 41, 81)
-"""Samples over which a channel is smoothed to be differentiated; the one that explains the force best is taken."""
 
 
 class _Tie(NamedTuple):
@@ -57,19 +59,6 @@ class _Tie(NamedTuple):
     ratio: float
     """1 where both are right."""
     why: str
-
-
-class _Fit(NamedTuple):
-    """One channel explained by others, by least squares."""
-
-    first: float
-    """The coefficient of the first column."""
-    counts: float
-    """The partial correlation of the first column."""
-    explained: float
-    """The share of the variance explained."""
-    left: Floats
-    """(samples,) what is not explained."""
 
 
 def check_body(campaign: Campaign, bad: Mapping[str, Mapping[str, Mask]]) -> list[QualityFinding]:
@@ -87,7 +76,7 @@ def check_body(campaign: Campaign, bad: Mapping[str, Mapping[str, Mask]]) -> lis
             text = "there is no channel position: without it the law of the body cannot be told"
             found.append(throughout(recording, "position", "missing-channel", text, EXCLUDE_RECORDING))
         series = _usable(recording, bad[recording.name])
-        swapped = _swapped(recording, series, campaign.nominal)
+        swapped = _swapped(recording, series)
         found += swapped
         if swapped:
             continue
@@ -100,7 +89,7 @@ def check_body(campaign: Campaign, bad: Mapping[str, Mapping[str, Mask]]) -> lis
             others = [value for name, (_, value) in sizes.items() if name != recording.name]
             all_ties = ties[recording.name] + _law_ties(sizes.get(recording.name), others)
             judged = _judged(recording, all_ties)
-            found += judged or _held(recording, bad[recording.name], campaign.nominal)
+            found += judged or _held(recording, bad[recording.name])
     return found
 
 
@@ -124,154 +113,46 @@ def _usable(recording: Recording, bad: Mapping[str, Mask]) -> dict[str, Floats]:
 def _motion_ties(series: Mapping[str, Floats], rate: float) -> list[_Tie]:
     """Position against velocity and velocity against acceleration, or position against acceleration."""
     found = []
-    for above, below, ratio, alike in _compared(series, rate):
+    for above, below, ratio, alike in compared(series, rate):
         if alike > SAME_SHAPE:
             what = "the integral of " if "velocity" in (above, below) else "twice the integral of "
             found.append(_Tie(above, below, ratio, f"{above} against {what}{below}"))
     return found
 
 
-def _compared(series: Mapping[str, Floats], rate: float) -> list[tuple[str, str, float, float]]:
-    """(channel, the one that it should be an integral of, ratio, correlation), for each such pair of channels."""
-    found = []
-    for above, below in itertools.pairwise(MOVING):
-        if above in series and below in series:
-            found.append((above, below, *_against_integral(series[above], series[below], rate)))
-    if "velocity" not in series and {"position", "acceleration"} <= series.keys():
-        found.append(("position", "acceleration", *_against_second(series["position"], series["acceleration"], rate)))
-    return found
-
-
-def _against_integral(above: Floats, below: Floats, rate: float) -> tuple[float, float]:
-    """(ratio, correlation) of a channel to the integral of another, less trends, which an offset would make."""
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * (below[1:] + below[:-1])))) / rate
-    time = np.linspace(-1.0, 1.0, above.size)
-    both = np.column_stack((above, integral))
-    both = both - np.column_stack([np.polynomial.Polynomial.fit(time, one, 1)(time) for one in both.T])
-    left, right = both[:, 0], both[:, 1]
-    scale = math.sqrt(float(left @ left) * float(right @ right))
-    if scale == 0.0:
-        return math.nan, 0.0
-    # the slope between noisy series that belong together: neither regression, but the ratio of their sizes
-    product = float(left @ right)
-    return math.copysign(math.sqrt(float(left @ left) / float(right @ right)), product), abs(product) / scale
-
-
-def _against_second(position: Floats, acceleration: Floats, rate: float) -> tuple[float, float]:
-    """(ratio, correlation) of a position to twice the integral of an acceleration, told from its second derivative."""
-    from scipy.signal import savgol_filter
-
-    best = (math.nan, 0.0)
-    for window in SMOOTHINGS:
-        if window >= position.size:
-            break
-        second = np.asarray(savgol_filter(position, window, 3, deriv=2, delta=1.0 / rate))
-        smooth = np.asarray(savgol_filter(acceleration, window, 3))
-        second, smooth = second - second.mean(), smooth - smooth.mean()
-        scale = math.sqrt(float(second @ second) * float(smooth @ smooth))
-        product = float(second @ smooth)
-        if scale > 0.0 and abs(product) / scale > best[1]:
-            size = math.sqrt(float(second @ second) / float(smooth @ smooth))
-            best = (math.copysign(size, product), abs(product) / scale)
-    return best
-
-
 def _law_size(series: Mapping[str, Floats], rate: float, nominal: Mapping[str, Nominal]) -> tuple[_Tie, float] | None:
     """The mass, or without a force the stiffness, that these samples make; as a tie over what is stated of it, or 1."""
-    fit = _law(series, rate, nominal)
+    fit = law(series, rate)
     if fit is None or fit.counts < COUNTS:
         return None
     if "force" in series:
         if fit.explained < FAILS:
             return None
         stated = nominal["mass"].value
-        tie = _Tie("force", _source(series), fit.first / (stated or 1.0), "the mass that they make" if stated else "")
+        tie = _Tie("force", source_of(series), fit.first / (stated or 1.0), "the mass that they make" if stated else "")
         return tie, fit.first
     if "stiffness" not in nominal:
         return None
     stiffness = -fit.first * (nominal["mass"].value or 1.0)
     stated = nominal["stiffness"].value if nominal["mass"].value else None
-    tie = _Tie(
-        "acceleration", "position", stiffness / (stated or 1.0), "the stiffness that they make" if stated else ""
-    )
-    return tie, stiffness
-
-
-def _source(series: Mapping[str, Floats]) -> str:
-    """The channel from which the acceleration is had: itself, or what needs least differentiating."""
-    return next(name for name in reversed(MOVING) if name in series)
-
-
-def _law(series: Mapping[str, Floats], rate: float, nominal: Mapping[str, Nominal]) -> _Fit | None:
-    """The force explained by acceleration first and the law; without a force, the acceleration by position first."""
-    if "force" in series and any(name in series for name in MOVING):
-        return _mass(series, _source(series), rate, "stiffness" in nominal)
-    if {"position", "acceleration"} <= series.keys():
-        columns = [series[name] for name in ("position", "velocity") if name in series]
-        return _fitted(series["acceleration"], [*columns, np.ones(columns[0].size)])
-    return None
-
-
-def _mass(series: Mapping[str, Floats], source: str, rate: float, spring: bool) -> _Fit:
-    """The force explained by mass * acceleration, speed, its sign, position where there is a spring, and an offset."""
-    from scipy.signal import savgol_filter
-
-    order = len(MOVING) - 1 - MOVING.index(source)
-    best = _Fit(math.nan, 0.0, 0.0, np.zeros(series[source].size))
-    for window in SMOOTHINGS if order else SMOOTHINGS[:1]:
-        if window >= series[source].size:
-            break
-
-        def smooth(values: Floats, derivative: int, window: int = window) -> Floats:
-            return np.asarray(savgol_filter(values, window, 3, deriv=derivative, delta=1.0 / rate))
-
-        columns = [smooth(series[source], order)]
-        speed = _speed(series, source, smooth)
-        if speed is not None:
-            columns += [speed, np.sign(speed)]
-        if spring and "position" in series:
-            columns.append(smooth(series["position"], 0))
-        columns.append(np.ones(columns[0].size))
-        best = max(best, _fitted(smooth(series["force"], 0), columns), key=lambda fit: fit.explained)
-    return best
-
-
-def _speed(series: Mapping[str, Floats], source: str, smooth) -> Floats | None:
-    """The velocity measured, or else that of the position."""
-    if "velocity" in series:
-        return smooth(series["velocity"], 0)
-    return smooth(series["position"], 1) if "position" in series else None
-
-
-def _fitted(target: Floats, columns: Sequence[Floats]) -> _Fit:
-    every = max(1, target.size // MOST_FITTED)
-    table = np.column_stack(columns)
-    scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
-    some, aim = table[::every] / scale, target[::every]
-    own = some[:, 0] - some[:, 1:] @ np.linalg.lstsq(some[:, 1:], some[:, 0], rcond=None)[0]
-    rest = aim - some[:, 1:] @ np.linalg.lstsq(some[:, 1:], aim, rcond=None)[0]
-    spread = math.sqrt(float(own @ own) * float(rest @ rest))
-    if spread == 0.0:
-        return _Fit(math.nan, 0.0, 0.0, np.zeros(target.size))
-    fit = np.linalg.lstsq(some, aim, rcond=None)[0] / scale
-    left = target - table @ fit
-    return _Fit(float(fit[0]), abs(float(own @ rest)) / spread, 1.0 - float(np.var(left)) / float(np.var(target)), left)
+    why = "the stiffness that they make" if stated else ""
+    return _Tie("acceleration", "position", stiffness / (stated or 1.0), why), stiffness
 
 
 def _law_ties(own: tuple[_Tie, float] | None, others: Sequence[float]) -> list[_Tie]:
-    """The mass or stiffness against what is stated of it, or else against the other recordings; its sign always."""
+    """The mass or stiffness against what is stated of it, or else against the recordings at large; its sign always."""
     if own is None:
         return []
     tie, value = own
     if tie.why:
         return [tie]
-    alike = [abs(other) for other in others]
     what = "mass" if tie.above == "force" else "stiffness"
-    if not alike:
+    if not others:
         return [tie._replace(ratio=math.copysign(1.0, value), why=f"the sign of the {what} that they make")]
-    return [
-        tie._replace(ratio=value / float(np.median(alike)), why=f"the {what} that they make, against other recordings")
-    ]
+    # One of two cannot be told from the other; of three the middle one counts.
+    alike = [abs(other) for other in others] if len(others) == 1 else [abs(other) for other in (*others, value)]
+    usual = float(np.median(alike))
+    return [tie._replace(ratio=value / usual, why=f"the {what} that they make, against other recordings")]
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -322,42 +203,89 @@ def _finding(
     return throughout(recording, ", ".join(channels), kind, text, EXCLUDE_RECORDING)
 
 
-def _held(recording: Recording, bad: Mapping[str, Mask], nominal: Mapping[str, Nominal]) -> list[QualityFinding]:
-    """A value that stays while the law of the body shows that it cannot have."""
+def _held(recording: Recording, bad: Mapping[str, Mask]) -> list[QualityFinding]:
+    """Values that stay while another channel shows that they cannot have."""
     series = _usable(recording, bad)
-    fit = _law(series, recording.sample_rate, nominal)
-    if fit is None or fit.explained < FAILS:
+    if not series:
         return []
-    target = "force" if "force" in series else "acceleration"
-    quiet = np.sort(np.abs(fit.left))[: max(1, fit.left.size // 2)]
-    least = max(0.3 * float(np.std(series[target])), 4.0 * math.sqrt(float(np.mean(quiet**2))))
-    found = []
-    for name in ("force", "acceleration"):
-        if name not in series:
-            continue
-        where = [
-            (run.start, run.stop)
+    runs = {
+        name: [
+            slice(run.start, run.stop)
             for run in runs_of_equals(recording.channels[name].samples, LEAST_HELD)
             if not bad[name][run.start : run.stop].any()
-            and math.sqrt(float(np.mean(fit.left[run.start : run.stop] ** 2))) > least
         ]
-        if where:
+        for name in series
+    }
+    speed = series["velocity"] if "velocity" in series else np.gradient(next(reversed(series.values())))
+    usual = _rms(speed)
+    on_the_way = {
+        name: [part for part in parts if _rms(speed[part]) > ON_THE_WAY * usual] for name, parts in runs.items()
+    }
+    found = _off_the_law(series, recording.sample_rate, on_the_way)
+    if "velocity" in series and "position" in series:
+        found["position"] = _passed_over(series, recording.sample_rate, on_the_way["position"])
+    findings = []
+    for name, parts in found.items():
+        if parts:
+            where = [(part.start, part.stop) for part in parts]
             text = (
-                f"it stays at one value {how_often(where)} while the force balance shows that it moved: leave these "
+                f"it stays at one value {how_often(where)} while the other channels show that it moved: leave these "
                 "stretches out"
             )
-            severity = severity_of(recording, where, False)
-            found.append(here_and_there(recording, name, "dropout", where, text, severity))
-    return found
+            severity = severity_of(recording, where, name == "position")
+            findings.append(here_and_there(recording, name, "dropout", where, text, severity))
+    return findings
 
 
-def _swapped(
-    recording: Recording, series: Mapping[str, Floats], nominal: Mapping[str, Nominal]
-) -> list[QualityFinding]:
+def _off_the_law(series: Mapping[str, Floats], rate: float, runs: Mapping[str, list[slice]]) -> dict[str, list[slice]]:
+    """Runs of force and acceleration in which the law of the body, fitted to the rest, fails.
+
+    Only of a body on its way: one that sticks leaves the law too, and may do so under a force that rightly stays.
+    """
+    names = [name for name in ("force", "acceleration") if runs.get(name)]
+    use = np.ones(next(iter(series.values())).size, dtype=bool)
+    for part in itertools.chain.from_iterable(runs[name] for name in names):
+        use[part] = False
+    if not names or np.count_nonzero(use) < 0.5 * use.size:
+        return {}
+    fit = law(series, rate, use)
+    if fit is None or fit.explained < FAILS:
+        return {}
+    quiet = np.sort(np.abs(fit.left[use]))[: max(1, np.count_nonzero(use) // 2)]
+    least = max(0.3 * float(np.std(series["force" if "force" in series else "acceleration"])), 4.0 * _rms(quiet))
+    return {
+        name: [part for part in runs[name] if _rms(fit.left[part]) > least and _is_known(series, use, part)]
+        for name in names
+    }
+
+
+def _is_known(series: Mapping[str, Floats], use: Mask, part: slice) -> bool:
+    """Whether a run goes not far beyond where the samples used go: there, a fit says nothing."""
+    for name in ("position", "velocity"):
+        if name in series:
+            low, high = float(series[name][use].min()), float(series[name][use].max())
+            beyond = max(low - float(series[name][part].min()), float(series[name][part].max()) - high)
+            if beyond > BEYOND * (high - low):
+                return False
+    return True
+
+
+def _passed_over(series: Mapping[str, Floats], rate: float, runs: Sequence[slice]) -> list[slice]:
+    """Runs of the position over which the velocity carries the body further than the position's own steps are."""
+    steps = np.abs(np.diff(series["position"]))
+    coarse = float(np.min(steps[steps > 0.0], initial=np.inf))
+    return [part for part in runs if abs(float(series["velocity"][part].sum())) / rate > SURELY_MOVED * coarse]
+
+
+def _rms(values: Floats) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def _swapped(recording: Recording, series: Mapping[str, Floats]) -> list[QualityFinding]:
     """Channels that hold each other's samples: wrong as they are, and right in exactly one other order."""
     names, rate = list(series), recording.sample_rate
-    if not _compared(series, rate):
-        held = _swapped_with_force(series, rate, nominal)
+    if not compared(series, rate):
+        held = _swapped_with_force(series, rate)
     else:
         orders = itertools.permutations(names)
         found = {order: _sound({n: series[s] for n, s in zip(names, order, strict=True)}, rate) for order in orders}
@@ -366,7 +294,7 @@ def _swapped(
         # size, and some other order is right in everything.
         most = max(found.values(), default=(0, 0))
         best = [order for order, sound in found.items() if sound == most]
-        tested = len(_compared(series, rate))
+        tested = len(compared(series, rate))
         believed = most[0] > own[0] and (own[1] == 0 or most[0] == tested)
         held = dict(zip(names, best[0], strict=True)) if len(best) == 1 and believed else {}
     held = {name: source for name, source in held.items() if name != source}
@@ -379,19 +307,18 @@ def _swapped(
 
 def _sound(series: Mapping[str, Floats], rate: float) -> tuple[int, int]:
     """(pairs of channels right in shape and size, 1 if the first pair has the right shape)."""
-    pairs = _compared(series, rate)
+    pairs = compared(series, rate)
     right = [alike > SAME_SHAPE and abs(math.log(abs(ratio))) < SAME_SIZE for _, _, ratio, alike in pairs]
     return sum(right), int(pairs[0][3] > SAME_SHAPE)
 
 
-def _swapped_with_force(series: Mapping[str, Floats], rate: float, nominal: Mapping[str, Nominal]) -> dict[str, str]:
+def _swapped_with_force(series: Mapping[str, Floats], rate: float) -> dict[str, str]:
     """Force and position exchanged, where nothing else was measured: known by the force balance."""
     if set(series) != {"force", "position"}:
         return {}
-    spring = "stiffness" in nominal
-    if _mass(series, "position", rate, spring).explained > FAILS:
+    if mass(series, "position", rate).explained > FAILS:
         return {}
     exchanged = {"force": series["position"], "position": series["force"]}
-    if _mass(exchanged, "position", rate, spring).explained < EXPLAINED:
+    if mass(exchanged, "position", rate).explained < EXPLAINED:
         return {}
     return {"force": "position", "position": "force"}

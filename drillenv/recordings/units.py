@@ -85,6 +85,8 @@ NEAR = math.log(1.3)
 
 def slip_of(ratio: float, margin: float = SLIP_MARGIN) -> float:
     """The logarithm of the unit factor that a ratio, above 0, is near; 0 where it is near none."""
+    if not 0.0 < ratio < math.inf:
+        return 0.0
     size = math.log(ratio)
     nearest = min(SLIPS, key=lambda slip: abs(slip - size))
     return nearest if abs(nearest - size) < margin else 0.0

@@ -514,3 +514,15 @@ def test_window_is_the_recorded_interval(drilling, scenario):
     ):
         inside = np.clip(expected[1:], space.low[j, 0], space.high[j, 0])
         np.testing.assert_allclose(window[row], inside, rtol=1e-6, atol=1e-6)
+
+
+def test_pressing_too_hard_to_leave_the_rock_does_not_keep_a_face_fresh():
+    """Without it, leaning on the soft first indentation for good would drill at ten times the rate."""
+    env = gym.make("drillenv/Drill-v0", rock=4, noise=0.0)
+    env.reset(seed=0)
+    pressed = action_for(97.5, 0.3, 1.8)
+    for _ in range(40):
+        _observation, _reward, _terminated, _truncated, info = env.step(pressed)
+    assert info["contacts_per_cycle"] == 0.0 and info["contact_share"] == pytest.approx(1.0)
+    settled = drillenv.simulate(drillenv.Setting(97.5, 0.3, 1.8), rock=4, seconds=4.0)
+    assert info["penetration_rate"] == pytest.approx(1e3 * settled.penetration_rate, rel=0.1)

@@ -99,7 +99,8 @@ def test_vector_is_scalar_with_hidden_physics(mode):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_vector_is_scalar_over_a_thousand_steps_with_hidden_physics(mode):
-    assert run_both("drillenv/DrillHidden-v0", 2, mode, 1000, max_episode_steps=29) > 50
+    """Of two rigs together, since theirs are slow."""
+    assert run_both("drillenv/DrillHidden-v0", 2, mode, 500, max_episode_steps=13) > 50
 
 
 @pytest.mark.parametrize("mode", MODES)
