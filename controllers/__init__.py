@@ -38,6 +38,7 @@ NAMES = MappingProxyType(
         "fixed": "controllers.fixed:Fixed",
         "rules": "controllers.rules:Rules",
         "steady-oracle": "controllers.steady:SteadyOracle",
+        "learned": "controllers.learned:Learned",
     }
 )
 """Where each controller lives."""

@@ -136,7 +136,7 @@ def phase_jumps(samples: Floats, sample_rate: float, frequency: float) -> list[t
         after = _sound_part(sound, [(at + 2 * width, at + 4 * width), (at, at + width)], width)
         if before is None or after is None:
             continue
-        first, second = followed[before].mean(), followed[after].mean()
+        first, second = _middle(followed[before]), _middle(followed[after])
         stays = float(np.angle(second * np.conj(first)))
         if abs(stays) > limit:
             near = slice(max(0, at - width), min(samples.size, at + width))
@@ -144,6 +144,12 @@ def phase_jumps(samples: Floats, sample_rate: float, frequency: float) -> list[t
             at = near.start + _break(samples[near] - samples.mean(), (first * turning).imag, (second * turning).imag)
             found.append((at, stays / (2 * math.pi * frequency)))
     return sorted(found)
+
+
+def _middle(followed: Complexes) -> complex:
+    """The mean of a tone, its phase the median, which what spoils a smaller part of it does not turn."""
+    mean = complex(followed.mean())
+    return mean * complex(np.exp(1j * np.median(np.angle(followed * np.conj(mean)))))
 
 
 def _break(samples: Floats, first: Floats, second: Floats) -> int:

@@ -27,10 +27,10 @@ from drillenv.recordings.signal_faults import (
     NOTHING,
     Run,
     at_ceiling,
+    equal_pairs,
     jumps_out,
     loses_its_noise,
     rate_of,
-    repeats_outside,
     runs_of_equals,
     spikes,
     sticks,
@@ -187,14 +187,14 @@ def _stuck(name: str, known: Floats, clipped: Mask, rig: str) -> Mask:
     if name == "excitation":
         return mask  # judged against its tone
     runs = runs_of_equals(known)
-    repeats = repeats_outside(known, runs)
+    equal = equal_pairs(known)
     for run in runs:
         if clipped[run.start]:
             continue
         if rig == DRILL and name in ("force", "acceleration"):
-            stays = not (name == "force" and _returns(known, run)) and sticks(known, run, repeats)
+            stays = not (name == "force" and _returns(known, run)) and sticks(known, run, equal)
         else:
-            stays = not _returns(known, run) and loses_its_noise(known, run, repeats)
+            stays = not _returns(known, run) and loses_its_noise(known, run, equal)
             stays = stays or (name in ("position", "velocity") and jumps_out(known, run))
         mask[run.start : run.stop] |= stays
     return mask

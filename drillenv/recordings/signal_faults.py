@@ -34,8 +34,8 @@ LIKE_NOISE = 0.9
 """Second differences over first ones: sqrt(3) for white noise, far less for a smooth series."""
 NOISY = 0.3
 """The share of its windows that are noise, from which a channel has noise to lose."""
-LEAST_EDGE = 0.3
-"""Of the median step: a smaller step into a run is coming to rest."""
+LEAST_EDGE = 0.05
+"""Of the usual step: a smaller step into a run is coming to rest."""
 FAR = 8.0
 """Times its usual steps, from which a smooth channel jumps."""
 
@@ -90,7 +90,7 @@ def runs_of_equals(samples: Floats, least: int = LEAST_RUN) -> list[Run]:
     return [Run(int(edges[i]), int(edges[i + 1]), float(samples[edges[i]])) for i in long]
 
 
-def sticks(samples: Floats, run: Run, repeats: tuple[int, int]) -> bool:
+def sticks(samples: Floats, run: Run, equal: int) -> bool:
     """Whether a run of a sensor that always moves is too long to be chance.
 
     Either the channel as a whole hardly ever repeats a value, or it does, as a coarse converter makes it, but less so
@@ -99,20 +99,19 @@ def sticks(samples: Floats, run: Run, repeats: tuple[int, int]) -> bool:
     Args:
         samples: The channel.
         run: The run.
-        repeats: From :func:`repeats_outside`.
+        equal: From :func:`equal_pairs`.
     """
-    length = run.stop - run.start
-    if _improbable(length, *repeats, samples.size):
+    if _improbable(run, equal, samples):
         return True
     sides = [samples[max(0, run.start - AROUND) : run.start], samples[run.stop : run.stop + AROUND]]
     sides = [side for side in sides if side.size >= 8]
     if not sides or not all(_is_noise(side) for side in sides):
         return False
-    equal = sum(int(np.count_nonzero(np.diff(side) == 0.0)) for side in sides)
-    return _improbable(length, equal, sum(side.size - 1 for side in sides), samples.size)
+    beside = sum(equal_pairs(side) for side in sides)
+    return _is_long(run, beside, sum(side.size - 1 for side in sides), samples.size)
 
 
-def loses_its_noise(samples: Floats, run: Run, repeats: tuple[int, int]) -> bool:
+def loses_its_noise(samples: Floats, run: Run, equal: int) -> bool:
     """Whether a run of a channel that may rightly stay, of a body at rest or a commanded force, lacks its noise.
 
     The channel must be noise for a good part of the time, hardly ever repeat a value otherwise, and come to or leave
@@ -120,24 +119,29 @@ def loses_its_noise(samples: Floats, run: Run, repeats: tuple[int, int]) -> bool
     """
     steps = np.abs(np.diff(samples))
     edges = [*steps[max(0, run.start - 1) : run.start], *steps[run.stop - 1 : run.stop]]
-    if max(edges, default=0.0) < LEAST_EDGE * float(np.median(steps)):
+    if max(edges, default=0.0) < LEAST_EDGE * math.sqrt(float(np.mean(steps**2))):
         return False
     windows = [samples[at : at + AROUND] for at in range(0, samples.size - AROUND + 1, AROUND)]
     if np.mean([_is_noise(window) for window in windows] or [False]) < NOISY:
         return False
-    return _improbable(run.stop - run.start, *repeats, samples.size)
+    return _improbable(run, equal, samples)
 
 
-def repeats_outside(samples: Floats, runs: list[Run]) -> tuple[int, int]:
-    """(pairs of equal neighbours, pairs of neighbours) outside the runs."""
-    equal = int(np.count_nonzero(np.diff(samples) == 0.0)) - sum(run.stop - run.start - 1 for run in runs)
-    return equal, samples.size - 1 - sum(run.stop - run.start for run in runs)
+def equal_pairs(samples: Floats) -> int:
+    """Pairs of neighbours that are equal."""
+    return int(np.count_nonzero(np.diff(samples) == 0.0))
 
 
-def _improbable(length: int, equal: int, pairs: int, places: int) -> bool:
-    """Whether a run of this length, begun at any of many places, is improbable where so many pairs are equal."""
-    chance = min(1.0, (equal + 1) / (max(pairs, 0) + 2))
-    return math.log(places) + (length - 1) * math.log(chance) < math.log(BY_CHANCE)
+def _improbable(run: Run, equal: int, samples: Floats) -> bool:
+    """Whether a run is too long, going by how often neighbours are equal in all the rest of the channel."""
+    own = run.stop - run.start - 1
+    return _is_long(run, equal - own, samples.size - 1 - own, samples.size)
+
+
+def _is_long(run: Run, equal: int, pairs: int, places: int) -> bool:
+    """Whether such a run, begun at any of many places, is improbable where so many of the pairs are equal."""
+    chance = min(1.0, (equal + 1) / (pairs + 2))
+    return math.log(places) + (run.stop - run.start - 1) * math.log(chance) < math.log(BY_CHANCE)
 
 
 def _is_noise(samples: Floats) -> bool:
