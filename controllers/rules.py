@@ -1,13 +1,14 @@
-"""The paper's advice as a state machine, to be read by somebody who drills.
+"""The paper's advice as a few rules, to be read by somebody who drills.
 
-1. Drill at the highest frequency: P-1-I-1 reaches farthest there.
-2. SEARCH: while every blow is single and like the last one, raise the pressure little by little; more pressure, more
-   progress.
-3. BACK OFF: at a second impact, at chatter or when blows alternate, let pressure off at once, well below where it
-   happened, since the motion comes back to single blows later than it left them. Then hold for a while.
-4. At all times keep the blows just below the rating with the amplitude; pressure goes along with it, because pressure
-   over amplitude decides on the motion.
-5. NEW ROCK: when the blows change though the setting did not, the rock has. Start again from a careful pressure.
+1. Drill at the highest frequency: single strong blows (P-1-I-1) reach farthest there.
+2. BLOWS: keep them just below the rating with the amplitude. Too strong: less amplitude. Too weak: more.
+3. Pressure goes along with the amplitude, because pressure over amplitude decides on the motion. Keep to what every
+   rock bears (CAREFUL).
+4. RAISE: where blows are too weak though the amplitude is at its top, the rock is soft. Add pressure little by little.
+   Let it go again when much less than the full amplitude will do: then the rock has changed.
+5. BACK OFF: at a second impact, at chatter or when blows alternate, take a little pressure off, again and again until
+   the blows are single. Come back slowly.
+6. The cylinder fills slowly. Turn the valve past the mark by more than the gauge is short of it, and back as it comes.
 """
 
 from __future__ import annotations
@@ -19,28 +20,33 @@ import numpy as np
 from drillenv.env.observation import READINGS
 from drillenv.env.task import RANGES, action_for
 
-(MEAN_PEAK, LARGEST_PEAK, _SPREAD, IMPACTS, PERIOD_TWO) = range(5)
-AMPLITUDE, PRESSURE = 12, 14
-assert (READINGS[AMPLITUDE].name, READINGS[PRESSURE].name) == ("amplitude", "pressure")
+(_MEAN_PEAK, LARGEST_PEAK, _SPREAD, IMPACTS, PERIOD_TWO) = range(5)
+AMPLITUDE, GAUGE = 12, 14
+assert (READINGS[AMPLITUDE].name, READINGS[GAUGE].name) == ("amplitude", "pressure")
 
 FREQUENCY = 120.0
 """Hz."""
-CAREFUL = 1.6
+CAREFUL = 2.2
 """bar/V at which all rocks of Table 2.2 give single blows at 120 Hz."""
-STEP = 0.05
-"""bar/V by which pressure is raised from interval to interval while all is well."""
-RETREAT = 0.85
-"""What is left of the pressure after a second impact."""
-PATIENCE = 24
-"""Intervals to hold after one: 6 s, most of a layer."""
-TARGET = 0.97
-"""Share of the rating that the blows are kept at: the rest is for noise and for the next rock."""
-JUMP = 0.12
-"""Change of the blows, beyond what amplitude explains, that means a new rock."""
+HIGHEST = 2.9
+"""bar/V; soft rocks lose their single blows at 3.05."""
+TARGET = 0.995
+"""Share of the rating that the blows are kept at: the rest is for noise."""
+LESS, MORE = 0.75, 1.3
+"""What the amplitude is multiplied by at the most in one interval."""
+MUCH_LESS = 0.9
+"""Share of the full amplitude below which pressure over amplitude need not be above CAREFUL."""
+RAISE = 0.1
+"""bar/V added in an interval while blows are too weak at full amplitude."""
+BACK_OFF, COME_BACK = 0.97, 0.02
+"""What is left of pressure over amplitude after an interval with other than single blows, and bar/V that come back in
+one with."""
+PAST = 1.5
+"""How far the valve is turned past the mark, in multiples of what the gauge is short of it."""
 
 
 class Rules:
-    """The state machine above.
+    """The rules above.
 
     Args:
         rating: Contact force in N to stay below.
@@ -49,43 +55,26 @@ class Rules:
     sees_truth = False
 
     def __init__(self, rating: float = 2000.0):
-        self._rating = rating / 1e3
+        self._target = TARGET * rating / 1e3
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Forget what was learned of the rock."""
         self._ratio = CAREFUL
-        self._hold = 0
-        self._last: tuple[float, float] | None = None
 
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
         """The next setting."""
         seen = observation.tolist()
-        peak, amplitude, pressure = seen[LARGEST_PEAK], seen[AMPLITUDE], seen[PRESSURE]
-        single = 0.9 <= seen[IMPACTS] <= 1.1 and seen[PERIOD_TWO] < 0.1
-        self._search_or_back_off(single, pressure / amplitude)
-        if single and self._is_new_rock(peak, amplitude):
-            self._ratio, self._hold = min(self._ratio, CAREFUL), 0
-        self._last = (peak, amplitude) if single else None
-        # a blow grows a little faster than the amplitude alone while the pressure follows late
-        wanted = amplitude * np.clip(TARGET * self._rating / max(peak, 0.2), 0.75, 1.15)
-        amplitude = float(np.clip(wanted, *RANGES[1]))
-        return action_for(FREQUENCY, amplitude, self._ratio * amplitude)
-
-    def _search_or_back_off(self, single: bool, present: float) -> None:
-        """Move pressure over amplitude; ``present`` is what it is in the cylinder now, in bar/V."""
-        if not single:
-            self._ratio = max(1.0, RETREAT * min(self._ratio, present))
-            self._hold = PATIENCE
-        elif self._hold > 0:
-            self._hold -= 1
-        else:
-            self._ratio += STEP
-
-    def _is_new_rock(self, peak: float, amplitude: float) -> bool:
-        """Whether the blows changed more than the amplitude did."""
-        if self._last is None:
-            return False
-        before, then = self._last
-        expected = before * amplitude / then
-        return abs(peak - expected) > JUMP * expected
+        peak, amplitude, gauge = max(seen[LARGEST_PEAK], 0.2), seen[AMPLITUDE], seen[GAUGE]
+        lowest, full = RANGES[1]
+        at_top = amplitude > 0.98 * full
+        if not (0.9 <= seen[IMPACTS] <= 1.1 and seen[PERIOD_TWO] < 0.1):
+            self._ratio = max(1.0, BACK_OFF * min(self._ratio, gauge / amplitude))
+        elif at_top and peak < 0.99 * self._target:
+            if gauge > 0.95 * self._ratio * amplitude:  # what was asked for has come, and was not enough
+                self._ratio = min(HIGHEST, self._ratio + RAISE)
+        elif amplitude < MUCH_LESS * full:
+            self._ratio = min(CAREFUL, self._ratio + COME_BACK)
+        amplitude = float(np.clip(amplitude * np.clip(self._target / peak, LESS, MORE), lowest, full))
+        mark = float(np.clip(self._ratio * amplitude, *RANGES[2]))
+        return action_for(FREQUENCY, amplitude, mark + PAST * (mark - gauge))

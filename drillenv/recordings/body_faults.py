@@ -283,26 +283,33 @@ def _rms(values: Floats) -> float:
 
 def _swapped(recording: Recording, series: Mapping[str, Floats]) -> list[QualityFinding]:
     """Channels that hold each other's samples: wrong as they are, and right in exactly one other order."""
-    names, rate = list(series), recording.sample_rate
-    if not compared(series, rate):
-        held = _swapped_with_force(series, rate)
-    else:
-        orders = itertools.permutations(names)
-        found = {order: _sound({n: series[s] for n, s in zip(names, order, strict=True)}, rate) for order in orders}
-        own = found.pop(tuple(names))
-        # As they are, one is not even the shape of the other's integral; or it is, as in an oscillation, but not its
-        # size, and some other order is right in everything.
-        most = max(found.values(), default=(0, 0))
-        best = [order for order, sound in found.items() if sound == most]
-        tested = len(compared(series, rate))
-        believed = most[0] > own[0] and (own[1] == 0 or most[0] == tested)
-        held = dict(zip(names, best[0], strict=True)) if len(best) == 1 and believed else {}
-    held = {name: source for name, source in held.items() if name != source}
+    rate = recording.sample_rate
+    held = _reordered(series, rate) if compared(series, rate) else _swapped_with_force(series, rate)
     if not held:
         return []
     looks = "; ".join(f"{source} holds what looks like the {name}" for name, source in held.items())
     text = f"{looks}: give each channel its own column"
     return [throughout(recording, ", ".join(held), "swapped", text, EXCLUDE_RECORDING)]
+
+
+def _reordered(series: Mapping[str, Floats], rate: float) -> dict[str, str]:
+    """Of each channel that holds another's samples, that other; empty where they are right or it cannot be told."""
+    names = list(series)
+    own, own_shape = _sound(series, rate)
+    tested = len(compared(series, rate))
+    if own == tested:
+        return {}
+    found = {}
+    for order in itertools.permutations(names):
+        if list(order) != names:
+            found[order] = _sound({name: series[held] for name, held in zip(names, order, strict=True)}, rate)
+    most = max(found.values())
+    best = [order for order, sound in found.items() if sound == most]
+    # As they are, one is not even the shape of the other's integral; or it is, as in an oscillation, but not its size,
+    # and some other order is right in everything.
+    if len(best) == 1 and most[0] > own and (own_shape == 0 or most[0] == tested):
+        return {name: held for name, held in zip(names, best[0], strict=True) if name != held}
+    return {}
 
 
 def _sound(series: Mapping[str, Floats], rate: float) -> tuple[int, int]:

@@ -46,11 +46,10 @@ def compared(series: Mapping[str, Floats], rate: float) -> list[tuple[str, str, 
 
 def _against_integral(above: Floats, below: Floats, rate: float) -> tuple[float, float]:
     """(ratio, correlation) of a channel to the integral of another, less trends, which an offset would make."""
+    from scipy.signal import detrend
+
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (below[1:] + below[:-1])))) / rate
-    time = np.linspace(-1.0, 1.0, above.size)
-    both = np.column_stack((above, integral))
-    both = both - np.column_stack([np.polynomial.Polynomial.fit(time, one, 1)(time) for one in both.T])
-    left, right = both[:, 0], both[:, 1]
+    left, right = np.asarray(detrend(above)), np.asarray(detrend(integral))
     scale = math.sqrt(float(left @ left) * float(right @ right))
     if scale == 0.0:
         return math.nan, 0.0

@@ -115,7 +115,9 @@ def test_a_state_stands_still():
 
 
 @each_id
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x)), copy.copy], ids=["deepcopy", "pickle", "copy"])
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x)), copy.copy], ids=["deepcopy", "pickle", "copy"]
+)
 def test_copies_of_a_state(identity, copied):
     env = gym.make(identity).unwrapped
     env.reset(seed=2)
