@@ -1,0 +1,72 @@
+"""Observations scaled by fixed numbers, and rewards by the horizon, before a policy learns from them.
+
+Fixed numbers, because what moves with the run would have to be stored, resumed and exported with it, and because
+running statistics blow up a reading that is mostly noise, such as the half harmonic, to the size of one that matters.
+"""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+
+from drillenv.env.observation import READINGS
+
+NOISES = 10.0
+"""Standard deviations of its sensor's noise that the width of a reading has at least."""
+TABLE = {
+    "mean_peak_force": (1.5, 0.45),
+    "largest_peak_force": (1.85, 0.4),
+    "peak_force_spread": (0.3, 0.3),
+    "impacts_per_cycle": (1.6, 0.85),
+    "period_two": (0.0, 0.05),
+    "contact_share": (0.27, 0.14),
+    "half_harmonic": (0.0, 1.0),
+    "first_harmonic": (9.5, 6.0),
+    "second_harmonic": (8.3, 3.3),
+    "third_harmonic": (7.5, 3.0),
+    "penetration_rate": (1.6, 0.9),
+    "frequency": (103.0, 22.0),
+    "amplitude": (0.48, 0.09),
+    "valve_pressure": (1.1, 0.33),
+    "pressure": (1.1, 0.25),
+}
+"""Centre and width of each reading in its unit: mean and standard deviation over episodes of the scenario "train", half
+of them under the rules and half at random settings, rounded; the width is at least NOISES times the sensor's noise."""
+CENTRE = np.array([TABLE[reading.name][0] for reading in READINGS], dtype=np.float32)
+WIDTH = np.array([TABLE[reading.name][1] for reading in READINGS], dtype=np.float32)
+
+
+def scaled(observations: np.ndarray) -> np.ndarray:
+    """Observations (..., 15) as float32 numbers of the order of 1."""
+    return (observations - CENTRE) / WIDTH
+
+
+class Scaled(VecEnvWrapper):
+    """Scales what the environments give.
+
+    Args:
+        venv: Environments that give readings.
+        worth: Factor on the rewards; 1 - gamma makes all values of the order of a reward.
+    """
+
+    def __init__(self, venv: VecEnv, worth: float):
+        given = venv.observation_space
+        assert isinstance(given, gym.spaces.Box) and given.shape == CENTRE.shape
+        super().__init__(venv, gym.spaces.Box(scaled(given.low), scaled(given.high), dtype=np.float32))
+        self.worth = np.float32(worth)
+
+    def reset(self) -> np.ndarray:
+        """Start an episode with every rig."""
+        observations = self.venv.reset()
+        assert isinstance(observations, np.ndarray)
+        return scaled(observations)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drill for one interval."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        assert isinstance(observations, np.ndarray)
+        for i in np.flatnonzero(dones).tolist():
+            infos[i]["terminal_observation"] = scaled(infos[i]["terminal_observation"])
+        return scaled(observations), rewards * self.worth, dones, infos
