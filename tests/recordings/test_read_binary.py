@@ -1,6 +1,8 @@
 """HDF5, MATLAB and LabVIEW files: only plain numbers, only from this file, and damage said in one line."""
 
 import logging
+import struct
+import zlib
 
 import h5py
 import numpy as np
@@ -138,6 +140,50 @@ def test_matlab_5(tmp_path):
             ("long", "has 1001 samples"),
         ]:
             assert says in refusal(read_mat, path, name)
+
+
+def matlab_element(code: int, content: bytes) -> bytes:
+    return struct.pack("<II", code, len(content)) + content.ljust((len(content) + 7) // 8 * 8, b"\0")
+
+
+def test_matlab_5_beside_what_stays_shut(tmp_path):
+    """Arrays are read from a file that also holds an object, and a file without its checksum is refused."""
+    path = tmp_path / "r.mat"
+    scipy.io.savemat(path, {"x": np.arange(4.0)})
+    flags = matlab_element(6, struct.pack("<II", 17, 0))
+    table = flags + matlab_element(1, b"t") + matlab_element(1, b"MCOS") + matlab_element(1, b"table")
+    packed = zlib.compress(matlab_element(14, table))
+    path.write_bytes(path.read_bytes() + matlab_element(14, table) + struct.pack("<II", 15, len(packed)) + packed)
+    np.testing.assert_array_equal(read_mat(path, ["x"], MOST).columns["x"], np.arange(4.0))
+    assert "is a opaque" in refusal(read_mat, path, "t")
+
+
+@pytest.mark.parametrize("code", [0, 8, 10, 11, 14, 15, 19, 20, 2**31])
+def test_matlab_5_types_that_end_scipys_reader(tmp_path, code):
+    """https://github.com/scipy/scipy/pull/25829: to look these up ends the program, not only the reading."""
+    path = tmp_path / "r.mat"
+    scipy.io.savemat(path, {"x": np.arange(4.0)})
+    data = bytearray(path.read_bytes())
+    at = data.index(struct.pack("<II", 9, 32))
+    data[at : at + 4] = struct.pack("<I", code)
+    path.write_bytes(data)
+    assert "damaged" in refusal(read_mat, path)
+
+
+def test_matlab_5_of_the_other_byte_order(tmp_path):
+    path = tmp_path / "r.mat"
+    name, numbers = b"x".ljust(8, b"\0"), np.arange(3, dtype=">f8").tobytes()
+    content = struct.pack(">6I", 6, 8, 6, 0, 5, 8) + struct.pack(">4I", 1, 3, 1, 1) + name + struct.pack(">II", 9, 24)
+    element = struct.pack(">II", 14, len(content) + 24) + content + numbers
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + element)
+    np.testing.assert_array_equal(read_mat(path, ["x"], MOST).columns["x"], np.arange(3.0))
+
+
+def test_a_packed_bomb_is_refused_before_it_unfolds(tmp_path):
+    path = tmp_path / "r.mat"
+    bomb = zlib.compress(struct.pack("<II", 14, 2**31) + matlab_element(6, struct.pack("<II", 6, 0)) + bytes(10**8))
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(bomb)) + bomb)
+    assert "damaged" in refusal(read_mat, path)
 
 
 def test_matlab_of_other_versions_is_refused(tmp_path):
