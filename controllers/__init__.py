@@ -37,7 +37,11 @@ NAMES = MappingProxyType(
         "random": "controllers.fixed:Random",
         "fixed": "controllers.fixed:Fixed",
         "rules": "controllers.rules:Rules",
+        "scheduled": "controllers.scheduled:Scheduled",
+        "seeking": "controllers.seeking:Seeking",
+        "mpc": "controllers.mpc:Mpc",
         "steady-oracle": "controllers.steady:SteadyOracle",
+        "oracle": "controllers.mpc:Oracle",
         "learned": "controllers.learned:Learned",
     }
 )

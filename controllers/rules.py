@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from drillenv.env.observation import READINGS
+from drillenv.env.observation import HIGH, LOW, READINGS
 from drillenv.env.task import RANGES, action_for
 
 (_MEAN_PEAK, LARGEST_PEAK, _SPREAD, IMPACTS, PERIOD_TWO) = range(5)
@@ -64,7 +64,7 @@ class Rules:
 
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
         """The next setting."""
-        seen = observation.tolist()
+        seen = np.clip(observation, LOW, HIGH).tolist()
         peak, amplitude, gauge = max(seen[LARGEST_PEAK], 0.2), seen[AMPLITUDE], seen[GAUGE]
         lowest, full = RANGES[1]
         at_top = amplitude > 0.98 * full

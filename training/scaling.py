@@ -16,21 +16,21 @@ from drillenv.env.observation import READINGS
 NOISES = 10.0
 """Standard deviations of its sensor's noise that the width of a reading has at least."""
 TABLE = {
-    "mean_peak_force": (1.5, 0.45),
-    "largest_peak_force": (1.85, 0.4),
-    "peak_force_spread": (0.3, 0.3),
-    "impacts_per_cycle": (1.6, 0.85),
+    "mean_peak_force": (1.55, 0.49),
+    "largest_peak_force": (1.9, 0.37),
+    "peak_force_spread": (0.3, 0.33),
+    "impacts_per_cycle": (1.6, 0.84),
     "period_two": (0.0, 0.05),
-    "contact_share": (0.27, 0.14),
+    "contact_share": (0.27, 0.13),
     "half_harmonic": (0.0, 1.0),
-    "first_harmonic": (9.5, 6.0),
-    "second_harmonic": (8.3, 3.3),
-    "third_harmonic": (7.5, 3.0),
-    "penetration_rate": (1.6, 0.9),
+    "first_harmonic": (9.0, 5.5),
+    "second_harmonic": (8.7, 3.5),
+    "third_harmonic": (8.0, 3.2),
+    "penetration_rate": (1.65, 1.0),
     "frequency": (103.0, 22.0),
-    "amplitude": (0.48, 0.09),
-    "valve_pressure": (1.1, 0.33),
-    "pressure": (1.1, 0.25),
+    "amplitude": (0.47, 0.09),
+    "valve_pressure": (1.15, 0.32),
+    "pressure": (1.15, 0.21),
 }
 """Centre and width of each reading in its unit: mean and standard deviation over episodes of the scenario "train", half
 of them under the rules and half at random settings, rounded; the width is at least NOISES times the sensor's noise."""

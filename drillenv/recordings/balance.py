@@ -47,8 +47,7 @@ RELATED, FOLLOWS = 0.3, 0.5
 and more on sound recordings."""
 LEAST_HARMONICS = 0.6
 """Of the acceleration, before the two may be called unrelated. A rig that never leaves the rock moves at the frequency
-of its excitation alone, and then what
-the force and what the drive explain cannot be told apart."""
+of its excitation alone, and then what the force and what the drive explain cannot be told apart."""
 SHORT_LAG = 1.5e-4
 """s, an eighth of a usual impact."""
 ONE_SIDED = 2.0

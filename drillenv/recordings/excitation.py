@@ -41,6 +41,8 @@ OFF_THE_TONE = 0.25
 """Of the amplitude: an excitation further from its tone is not what drove the rig."""
 JUMP = 0.08
 """rad. A clean tone's phase, averaged over a period, is known a hundred times better."""
+MOST_JUMPS = 50
+"""Looked for in one recording; one with so many is of no use."""
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -129,7 +131,7 @@ def phase_jumps(samples: Floats, sample_rate: float, frequency: float) -> list[t
     limit = max(JUMP, 6.0 * float(np.median(change)))
     found: list[tuple[int, float]] = []
     free = change > limit
-    while free.any():
+    while free.any() and len(found) < MOST_JUMPS:
         at = int(np.argmax(np.where(free, change, 0.0)))
         free[max(0, at - 2 * width) : at + 2 * width] = False
         before = _sound_part(sound, [(at - 5 * width, at - 3 * width), (at - 2 * width, at - width)], width)
@@ -269,6 +271,9 @@ def _off_the_tone(samples: Floats, rate: float, frequency: float, jumps: Sequenc
         followed = followed_tone(part, rate, frequency)
         size = usual_amplitude(followed)
         sound = np.abs(followed) > 0.8 * size
+        if not sound.any():
+            off[start:stop] = True
+            continue
         # From what is sound of it, then a fit to the samples that agree with that.
         total = np.concatenate(([0.0], np.cumsum(part)))
         offset = float(np.median((total[width:] - total[:-width])[sound])) / width

@@ -27,7 +27,7 @@ from drillenv.recordings.signal_faults import (
     NOTHING,
     Run,
     at_ceiling,
-    equal_pairs,
+    habits,
     jumps_out,
     loses_its_noise,
     rate_of,
@@ -45,7 +45,6 @@ RATE_TOLERANCE = 0.005
 """Between the stated sample rate and the file's own time."""
 RETURNS = 0.5
 """Of the other samples near a value, the share that equal it exactly, from which the channel has good cause to stay."""
-
 
 _MAY_STAY = {
     "position": "the body rests there",
@@ -187,14 +186,14 @@ def _stuck(name: str, known: Floats, clipped: Mask, rig: str) -> Mask:
     if name == "excitation":
         return mask  # judged against its tone
     runs = runs_of_equals(known)
-    equal = equal_pairs(known)
+    usual = habits(known)
     for run in runs:
         if clipped[run.start]:
             continue
         if rig == DRILL and name in ("force", "acceleration"):
-            stays = not (name == "force" and _returns(known, run)) and sticks(known, run, equal)
+            stays = sticks(known, run, usual) and not (name == "force" and _returns(known, run))
         else:
-            stays = not _returns(known, run) and loses_its_noise(known, run, equal)
+            stays = loses_its_noise(known, run, usual) and not _returns(known, run)
             stays = stays or (name in ("position", "velocity") and jumps_out(known, run))
         mask[run.start : run.stop] |= stays
     return mask

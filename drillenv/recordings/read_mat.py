@@ -27,7 +27,15 @@ SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 """Bytes of a number, by type code."""
 NUMBERS = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 """MATLAB's classes of numbers, by code, as types of that size."""
-OTHERS = {1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 16: "function", 17: "opaque"}
+OTHERS = {
+    1: "a cell",
+    2: "a struct",
+    3: "an object",
+    4: "text",
+    5: "a sparse matrix",
+    16: "a function",
+    17: "an object",
+}
 """Its other classes. They stay shut."""
 OPAQUE = 17
 """The class that has no dimensions: what MATLAB keeps of its newer objects, such as strings and tables."""
@@ -139,8 +147,8 @@ def _check(path: Path, array: _Array, most: int) -> None:
     """Refuse what is no row of real numbers."""
     kind = array.flags & 0xFF
     if kind not in NUMBERS or array.flags & LOGICAL:
-        what = OTHERS.get(kind, "logical array" if kind in NUMBERS else f"class {kind}")
-        raise InputError(f"{shown(array.name)} of {shown(path.name)} is a {what}: give an array of numbers")
+        what = OTHERS.get(kind, "a logical array" if kind in NUMBERS else f"of class {kind}")
+        raise InputError(f"{shown(array.name)} of {shown(path.name)} is {what}: give an array of numbers")
     dtype = np.dtype("c16" if array.flags & COMPLEX else NUMBERS[kind])
     series(path, array.name, dtype, array.shape, most)
 

@@ -90,52 +90,73 @@ def runs_of_equals(samples: Floats, least: int = LEAST_RUN) -> list[Run]:
     return [Run(int(edges[i]), int(edges[i + 1]), float(samples[edges[i]])) for i in long]
 
 
-def sticks(samples: Floats, run: Run, equal: int) -> bool:
+class Habits(NamedTuple):
+    """What a channel usually does."""
+
+    equal: int
+    """Pairs of neighbours that are equal."""
+    step: float
+    """Root mean square of the differences between neighbours."""
+    noisy: float
+    """The share of its windows that are noise."""
+
+
+def habits(samples: Floats) -> Habits:
+    """What a channel usually does."""
+    steps = np.diff(samples)
+    windows = samples[: samples.size // AROUND * AROUND].reshape(-1, AROUND)
+    noisy = float(np.mean(_are_noise(windows))) if windows.size else 0.0
+    return Habits(int(np.count_nonzero(steps == 0.0)), math.sqrt(float(np.mean(steps**2))), noisy)
+
+
+def sticks(samples: Floats, run: Run, usual: Habits) -> bool:
     """Whether a run of a sensor that always moves is too long to be chance.
 
     Either the channel as a whole hardly ever repeats a value, or it does, as a coarse converter makes it, but less so
     just before and after the run, where it is noise.
-
-    Args:
-        samples: The channel.
-        run: The run.
-        equal: From :func:`equal_pairs`.
     """
-    if _improbable(run, equal, samples):
+    if _is_improbable(samples, run, usual):
         return True
     sides = [samples[max(0, run.start - AROUND) : run.start], samples[run.stop : run.stop + AROUND]]
     sides = [side for side in sides if side.size >= 8]
-    if not sides or not all(_is_noise(side) for side in sides):
+    if not sides or not all(_are_noise(side[None]).all() for side in sides):
         return False
-    beside = sum(equal_pairs(side) for side in sides)
+    beside = sum(int(np.count_nonzero(np.diff(side) == 0.0)) for side in sides)
     return _is_long(run, beside, sum(side.size - 1 for side in sides), samples.size)
 
 
-def loses_its_noise(samples: Floats, run: Run, equal: int) -> bool:
+def loses_its_noise(samples: Floats, run: Run, usual: Habits) -> bool:
     """Whether a run of a channel that may rightly stay, of a body at rest or a commanded force, lacks its noise.
 
     The channel must be noise for a good part of the time, hardly ever repeat a value otherwise, and come to or leave
     the run in a step of the noise's size: what comes to rest comes in smaller and smaller steps.
     """
-    steps = np.abs(np.diff(samples))
-    edges = [*steps[max(0, run.start - 1) : run.start], *steps[run.stop - 1 : run.stop]]
-    if max(edges, default=0.0) < LEAST_EDGE * math.sqrt(float(np.mean(steps**2))):
+    if usual.noisy < NOISY or not _is_improbable(samples, run, usual):
         return False
-    windows = [samples[at : at + AROUND] for at in range(0, samples.size - AROUND + 1, AROUND)]
-    if np.mean([_is_noise(window) for window in windows] or [False]) < NOISY:
+    return _edge(samples, run) >= LEAST_EDGE * usual.step
+
+
+def jumps_out(samples: Floats, run: Run) -> bool:
+    """Whether a smooth channel that is held at a value jumps, on either side, by far more than it moves near by."""
+    before = samples[max(0, run.start - 4 * AROUND) : run.start]
+    after = samples[run.stop : run.stop + 4 * AROUND]
+    near = np.abs(np.concatenate((np.diff(before), np.diff(after))))
+    if near.size < 8:
         return False
-    return _improbable(run, equal, samples)
+    usual = float(np.quantile(near, 0.98))
+    return usual > 0.0 and _edge(samples, run) > FAR * usual
 
 
-def equal_pairs(samples: Floats) -> int:
-    """Pairs of neighbours that are equal."""
-    return int(np.count_nonzero(np.diff(samples) == 0.0))
+def _edge(samples: Floats, run: Run) -> float:
+    """The larger of the steps into a run and out of it."""
+    edges = [*samples[max(0, run.start - 1) : run.start], *samples[run.stop : run.stop + 1]]
+    return max((abs(float(edge) - run.value) for edge in edges), default=0.0)
 
 
-def _improbable(run: Run, equal: int, samples: Floats) -> bool:
+def _is_improbable(samples: Floats, run: Run, usual: Habits) -> bool:
     """Whether a run is too long, going by how often neighbours are equal in all the rest of the channel."""
     own = run.stop - run.start - 1
-    return _is_long(run, equal - own, samples.size - 1 - own, samples.size)
+    return _is_long(run, usual.equal - own, samples.size - 1 - own, samples.size)
 
 
 def _is_long(run: Run, equal: int, pairs: int, places: int) -> bool:
@@ -144,23 +165,11 @@ def _is_long(run: Run, equal: int, pairs: int, places: int) -> bool:
     return math.log(places) + (run.stop - run.start - 1) * math.log(chance) < math.log(BY_CHANCE)
 
 
-def _is_noise(samples: Floats) -> bool:
-    """Whether neighbours differ at random: then second differences are sqrt(3) times first ones, else far smaller."""
-    first = np.abs(np.diff(samples))
-    second = np.abs(np.diff(samples, 2))
-    return float(second.mean()) > LIKE_NOISE * float(first.mean()) > 0.0
-
-
-def jumps_out(samples: Floats, run: Run) -> bool:
-    """Whether a smooth channel that is held at a value jumps, on either side, by far more than it ever moves."""
-    steps = np.abs(np.diff(samples))
-    before, after = max(0, run.start - 1), run.stop
-    near = np.concatenate((steps[max(0, before - 4 * AROUND) : before], steps[after : after + 4 * AROUND]))
-    if near.size < 8:
-        return False
-    usual = float(np.quantile(near, 0.98))
-    edges = [*steps[before : run.start], *steps[after - 1 : after]]
-    return usual > 0.0 and max(edges, default=0.0) > FAR * usual
+def _are_noise(windows: Floats) -> Mask:
+    """(windows,) whether neighbours differ at random: then second differences are sqrt(3) times first ones."""
+    first = np.abs(np.diff(windows, axis=1)).mean(axis=1)
+    second = np.abs(np.diff(windows, 2, axis=1)).mean(axis=1)
+    return (second > LIKE_NOISE * first) & (first > 0.0)
 
 
 def at_ceiling(samples: Floats) -> Mask:

@@ -7,7 +7,7 @@ from drillenv.recordings.excitation import phase_jumps, strongest_tone, tone_at,
 from drillenv.recordings.signal_faults import (
     Run,
     at_ceiling,
-    equal_pairs,
+    habits,
     jumps_out,
     loses_its_noise,
     rate_of,
@@ -59,17 +59,17 @@ def test_a_ceiling_is_found_at_either_end():
 def test_runs_of_equals():
     samples = np.array([1.0, 1, 1, 1, 1, 2, 3, 3, 3, 3, 3, 3, 4])
     assert runs_of_equals(samples) == [Run(0, 5, 1.0), Run(6, 12, 3.0)]
-    assert equal_pairs(samples) == 9
+    assert habits(samples).equal == 9
 
 
 @pytest.mark.parametrize(("step", "length"), [(0.0, 5), (0.1, 8), (1.0, 40), (3.0, 400)])
 def test_a_held_value_among_noise(step, length):
     samples = noise() if step == 0.0 else np.round(noise() / step) * step
     runs = runs_of_equals(samples)
-    assert not any(sticks(samples, run, equal_pairs(samples)) for run in runs)
+    assert not any(sticks(samples, run, habits(samples)) for run in runs)
     samples[1000 : 1000 + length] = samples[999]
     runs = runs_of_equals(samples)
-    held = [run for run in runs if sticks(samples, run, equal_pairs(samples))]
+    held = [run for run in runs if sticks(samples, run, habits(samples))]
     assert len(held) == 1
     assert held[0].start == pytest.approx(999, abs=3)
 
@@ -79,15 +79,15 @@ def test_coming_to_rest_is_not_being_held():
     resting[2000:2020] = resting[1999]
     resting[3000:] = 0.0
     for run in runs_of_equals(resting):
-        assert not loses_its_noise(resting, run, 0)
+        assert not loses_its_noise(resting, run, habits(resting))
     samples = noise()
     samples[2000:2020] = samples[1999]
     (run,) = runs_of_equals(samples)
-    assert loses_its_noise(samples, run, equal_pairs(samples))
+    assert loses_its_noise(samples, run, habits(samples))
     smooth = sine()
     smooth[2000:2020] = smooth[1999]
     (run,) = runs_of_equals(smooth)
-    assert not loses_its_noise(smooth, run, equal_pairs(smooth))
+    assert not loses_its_noise(smooth, run, habits(smooth))
 
 
 def test_a_smooth_channel_jumps_out_of_a_held_value():
