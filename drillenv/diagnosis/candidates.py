@@ -6,8 +6,12 @@ is tried at a few values in the first look, one variant each, and freed once the
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numpy as np
+
+from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import Parameter
 from drillenv.dynamics.effects import REGISTRY
 
@@ -20,6 +24,11 @@ class Variant(NamedTuple):
     """Each probe gives values to parameters of the effect; what it changes, over ``sizes``, is one column."""
     held: tuple[tuple[str, float], ...]
     """Parameters at values of this variant, in every probe."""
+
+    @property
+    def own(self) -> bool:
+        """Whether each recording has strengths of its own."""
+        return self.mechanism in OWN
 
 
 # For each mechanism: (held, probes) of its variants. A probe is a small strength, in the parameters' units.
@@ -83,7 +92,29 @@ def variants() -> tuple[Variant, ...]:
     return tuple(made)
 
 
+OWN = {"mains-hum": ("sine_f", "cosine_f", "sine_a", "cosine_a")}
+"""Mechanisms whose strengths differ from recording to recording: a recording begins at any phase of the mains."""
+
+
 def parameter(mechanism: str, symbol: str, value: float, width: float) -> Parameter:
     """A parameter of an effect as an unknown of a fit, with the registry's bounds."""
     entry = next(each for each in REGISTRY[mechanism].parameters if each.symbol == symbol)
     return Parameter(f"{mechanism} {symbol}", value, width, 0.0, entry.low, entry.high)
+
+
+def own_parameters(mechanism: str, data: Conditioned, strengths: np.ndarray | None = None) -> list[Parameter]:
+    """What a mechanism leaves open for each recording: amplitudes of a hum, impacts made before a recording."""
+    found = []
+    if mechanism in OWN:
+        for j, symbol in enumerate(OWN[mechanism]):
+            value = 0.0 if strengths is None else float(strengths[j])
+            width = data.noise_force if symbol.endswith("_f") else data.noise_acceleration
+            found.append(Parameter(f"{mechanism} {symbol} {data.name}", value, width, 0.0, recording=data.name))
+    if mechanism == "rock-compaction" and not data.fresh:
+        # it had been running for a second at least, and nobody counted
+        each_second = data.omega / (2 * math.pi)
+        low, start = 0.4 * each_second, 1.5 * each_second
+        found.append(
+            Parameter(f"{mechanism} N0 {data.name}", start, 2 * each_second, 0.25, low, 1e4, recording=data.name)
+        )
+    return found

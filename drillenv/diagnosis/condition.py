@@ -23,8 +23,8 @@ from drillenv.rig import Rig, Setting
 
 SHORTEST_FLIGHT = 12
 """Samples off the rock between which a window may begin."""
-WINDOW = 0.8
-"""Excitation periods that a window has at least."""
+SHORTEST, LONGEST = 0.6, 1.4
+"""Excitation periods between which a window's length is, where there is a flight to end it."""
 GRID = 4
 """Windows begin and end at samples that this divides, so that every fourth sample makes a recording of its own."""
 TOUCH = 6.0
@@ -185,7 +185,7 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
     if len(touches) < 3:
         raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")
     fresh = recording.starts == "fresh"
-    starts = window_starts(touches, force.size, WINDOW * 2 * math.pi / omega * rate, fresh)
+    starts = window_starts(touches, force.size, 2 * math.pi / omega * rate, fresh)
     states = np.array(
         [_state_at(int(s), touches, force, acceleration, rate, y, closing, noise[0]) for s in starts[:-1]]
     )
@@ -212,20 +212,38 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
     )
 
 
-def window_starts(touches: np.ndarray, size: int, shortest: float, fresh: bool) -> np.ndarray:
-    """Samples at which windows begin, each in the middle of a flight, and where the last one ends."""
+def window_starts(touches: np.ndarray, size: int, period: float, fresh: bool) -> np.ndarray:
+    """Samples at which windows begin, and where the last one ends.
+
+    Each begins in the longest flight that is about a period after the last one: there its state is read best, and
+    the impacts that follow each other closely stay in one window.
+    """
     flights = np.column_stack([np.concatenate([[0], touches[:-1, 1]]), touches[:, 0]])
-    flights = flights[flights[:, 1] - flights[:, 0] >= SHORTEST_FLIGHT]
+    lengths = flights[:, 1] - flights[:, 0]
+    lengths, flights = lengths[lengths >= SHORTEST_FLIGHT], flights[lengths >= SHORTEST_FLIGHT]
     # near the end of the flight: what is left of it is read back from the coming contact
-    middles = flights[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, (flights[:, 1] - flights[:, 0]) // 3)
-    middles = middles // GRID * GRID
-    chosen = [0] if fresh else []
-    for middle in middles.tolist():
-        if not chosen or middle - chosen[-1] >= shortest:
-            chosen.append(int(middle))
+    places = (flights[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, lengths // 3)) // GRID * GRID
     last = int(touches[-1, 1])
     end = min(size, last + SHORTEST_FLIGHT) // GRID * GRID
-    if len(chosen) > 1 and end - chosen[-1] < 0.3 * shortest:
+    chosen: list[int] = []
+    reach = (0.0, LONGEST) if not fresh else (SHORTEST, LONGEST)
+    now = 0
+    while True:
+        near = np.flatnonzero((places >= now + reach[0] * period) & (places <= now + reach[1] * period))
+        if near.size:
+            # of flights about as long the first
+            good = near[lengths[near] >= 0.8 * lengths[near].max()][0]
+        else:
+            after = np.flatnonzero(places > now + reach[1] * period)
+            if not after.size:
+                break
+            good = after[0]
+        now = int(places[good])
+        chosen.append(now)
+        reach = (SHORTEST, LONGEST)
+    if fresh:
+        chosen.insert(0, 0)
+    if len(chosen) > 1 and end - chosen[-1] < 0.3 * period:
         chosen.pop()
     return np.array([*chosen, end])
 

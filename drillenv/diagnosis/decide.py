@@ -10,23 +10,19 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.candidates import parameter
+from drillenv.diagnosis.candidates import own_parameters, parameter
 from drillenv.diagnosis.condition import Conditioned, condition
-from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, plain_cost
+from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import (
-    JOIN,
-    Physics,
-    predict,
-    quadratic,
     residual,
-    settle_states,
-    state_slopes,
 )
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
+REPLAYED = (Stage(1e4, 10, 2), Stage(10.0, 0, 3), Stage(1.0, 0, 4))
+"""How a model that is held is laid onto recordings."""
 THIN = 4
 """Every fourth sample is enough to find a mechanism; all of them say how strong it is."""
 CLOSE = 1.5
@@ -67,8 +63,11 @@ FREED = {
     "air-spring": ("k_a", "tau"),
     "accelerometer-resonance": ("f_a", "zeta_a"),
     "backlash": ("g", "y0"),
+    "mains-hum": ("f_m",),
 }
 """Parameters fitted for good where they are more than those of the probes."""
+WIDTHS = {"f_m": 0.02}
+"""Units in which parameters are counted, where a fifth of the typical size is too much for half a second."""
 
 
 @dataclass(slots=True, eq=False)
@@ -98,10 +97,12 @@ class Outcome:
     """(mechanism, gain, why)."""
     fit_data: list[Conditioned]
     held_data: list[Conditioned]
-    nominal: Physics
-    """What the lab believed."""
-    left: float = 1.0
+    left: float
     """Sum of squares over samples that is left, on the recordings fitted."""
+    before: tuple[float, float | None]
+    """Sum of squares over samples of what the lab believed: on the recordings fitted and on those held out."""
+    after: float | None
+    """That of the fitted model on those held out."""
     lines: list[tuple[str, str, float, float]] = field(default_factory=list)
     """(recording, channel, Hz, power over its mean) left over."""
 
@@ -122,13 +123,13 @@ def nominal_hypothesis(campaign: Campaign) -> Hypothesis:
     return Hypothesis(tuple(parameters))
 
 
-def extended(now: Fit, score: Score) -> tuple[Hypothesis, np.ndarray]:
+def extended(now: Fit, score: Score, recordings: Sequence[Conditioned]) -> tuple[Hypothesis, np.ndarray]:
     """The fit's hypothesis with one mechanism more, and values to start from."""
     variant = score.variant
-    mechanism = variant.mechanism
+    mechanism, count = variant.mechanism, len(variant.probes)
     start = dict(variant.held)
-    sizes = dict(zip(range(len(variant.probes)), score.strengths.tolist(), strict=True))
-    for i, probe in enumerate(variant.probes):
+    sizes = score.strengths.tolist()
+    for i, probe in enumerate(() if variant.own else variant.probes):
         for symbol, value in probe:
             if symbol in LINEAR:
                 start[symbol] = start.get(symbol, 0.0) + value * sizes[i]
@@ -139,12 +140,13 @@ def extended(now: Fit, score: Score) -> tuple[Hypothesis, np.ndarray]:
     if mechanism == "drive-harmonics":
         start = _polar(score.strengths)
     entries = {each.symbol: each for each in REGISTRY[mechanism].parameters}
-    symbols = FREED.get(mechanism, tuple(dict.fromkeys(name for probe in variant.probes for name, _ in probe)))
+    probed = () if variant.own else tuple(dict.fromkeys(name for probe in variant.probes for name, _ in probe))
+    symbols = FREED.get(mechanism, probed)
     free, values = [], []
     for symbol in symbols:
         entry = entries[symbol]
         low, high = entry.typical if mechanism != "channel-delay" else DELAY
-        width = 0.2 * max(abs(low), abs(high))
+        width = WIDTHS.get(symbol, 0.2 * max(abs(low), abs(high)))
         reach = 3.0 * max(abs(low), abs(high))
         value = float(np.clip(start[symbol], max(entry.low, -reach), min(entry.high, reach)))
         if symbol in LINEAR and value < 0.5 * low and entry.low >= 0.0:
@@ -152,6 +154,10 @@ def extended(now: Fit, score: Score) -> tuple[Hypothesis, np.ndarray]:
         free.append(parameter(mechanism, symbol, value, width))
         values.append(value)
     held = tuple((name, value) for name, value in variant.held if name not in symbols)
+    for i, data in enumerate(recordings):
+        each = own_parameters(mechanism, data, score.strengths[count * i : count * (i + 1)] if variant.own else None)
+        free += each
+        values += [own.value for own in each]
     base = now.hypothesis
     count = len(base.constants)
     moved = now.values.copy()
@@ -184,33 +190,18 @@ def threshold(columns: int, beside: bool = False) -> float:
     return 0.5 * float(chi2.isf(FALSE_ALARMS, columns)) + (SECOND if beside else SLACK)
 
 
-def replay(data: Conditioned, physics: Physics, rounds: int = 6) -> float:
-    """Root of the mean square of what a model, its constants held, leaves of a recording, over the noise.
+def replay(recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: Workers) -> Fit:
+    """What a model makes of recordings with its constants and effects held.
 
-    Only the states of the windows are fitted: the recording says nothing to the constants.
+    Only the states of the windows are fitted, and what each recording has for its own; the recordings say nothing to
+    the constants.
     """
-    states, made = settle_states(data, data.states, data.states, physics, 10)
-    nothing = np.zeros((0, 2, data.force.size)), np.zeros((0, len(states), 4))
-    cost = plain_cost(data, states, data.states, made, JOIN)
-    for _ in range(rounds):
-        slopes = state_slopes(data, states, physics, made)
-        step = quadratic(data, states, data.states, made, slopes, *nothing).moves.reshape(-1, 4)
-        share = 1.0
-        while share > 0.05:
-            trial = states + share * step
-            trial[:, 3] = np.minimum(trial[:, 3], 0.0)
-            said = predict(data, trial, physics)
-            reached = plain_cost(data, trial, data.states, said, JOIN)
-            if reached < cost:
-                break
-            share *= 0.4
-        if share <= 0.05:
-            break
-        gained, states, made, cost = cost - reached, trial, said, reached
-        if gained < 1.0:
-            break
-    samples = 2 * int(data.starts[-1] - data.starts[0])
-    return math.sqrt(2.0 * cost / samples)
+    effects = []
+    for name, held, _free in hypothesis.effects:
+        own = tuple(each for data in recordings for each in own_parameters(name, data))
+        effects.append((name, held, own))
+    alone = Hypothesis((), tuple(effects), hypothesis.base)
+    return fit(recordings, alone, workers, stages=REPLAYED)
 
 
 def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[str, str, float, float]]:
@@ -236,7 +227,6 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     say = note or (lambda _text: None)
     plain_hypothesis = nominal_hypothesis(campaign)
     rig = Rig(**{each.name: each.value for each in plain_hypothesis.constants[:6]})
-    believed = plain_hypothesis.physics(np.array([each.value for each in plain_hypothesis.constants]))
     workers = Workers()
     try:
         say("reading the recordings")
@@ -261,8 +251,18 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         say("all samples")
         final = _full(fit_data, now, workers)
         left, lines = per_sample(final), lines_left(fit_data, final)
+        say("the recordings held out")
+        nominal = plain_hypothesis.held_at(np.array([each.value for each in plain_hypothesis.constants]))
+        before = per_sample(replay(thin, nominal, workers))
+        before_held = after = None
+        if held_data:
+            thin_held = [each.thinned(THIN) for each in held_data]
+            before_held = per_sample(replay(thin_held, nominal, workers))
+            after = per_sample(replay(held_data, final.hypothesis.held_at(final.values), workers))
         verdict = _verdict(final, steps, left, lines)
-        return Outcome(verdict, plain, final, steps, rejected, fit_data, held_data, believed, left, lines)
+        return Outcome(
+            verdict, plain, final, steps, rejected, fit_data, held_data, left, (before, before_held), after, lines
+        )
     finally:
         workers.close()
 
@@ -297,9 +297,9 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
     passed = [
         (each.variant.mechanism, each.gain, "gains too little")
         for each in ranked
-        if each.gain <= threshold(len(each.variant.probes), beside)
+        if each.gain <= threshold(len(each.strengths), beside)
     ]
-    rivals = [each for each in ranked if each.gain > threshold(len(each.variant.probes), beside)]
+    rivals = [each for each in ranked if each.gain > threshold(len(each.strengths), beside)]
     if not rivals:
         return None, passed
     rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:RIVALS]
@@ -310,7 +310,7 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
             continue
         say(f"trying {score.variant.mechanism} (gain {score.gain:.0f} at first look)")
         try:
-            hypothesis, values = extended(now if close else loosely, score)
+            hypothesis, values = extended(now if close else loosely, score, thin)
             if close:
                 free = made = fit(thin, hypothesis, workers, values, now.states, NEARBY)
             else:

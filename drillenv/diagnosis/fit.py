@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -75,6 +76,13 @@ class Parameter(NamedTuple):
     """Weight of the prior: 1 over the square of its standard deviation in widths, 0 for none."""
     low: float = -np.inf
     high: float = np.inf
+    recording: str = ""
+    """The only recording that it has to do with; empty where it holds for all."""
+
+    @property
+    def symbol(self) -> str:
+        """Of an effect's parameter, as in "chi"."""
+        return self.name.split(" ")[1]
 
 
 class Hypothesis(NamedTuple):
@@ -83,26 +91,64 @@ class Hypothesis(NamedTuple):
     constants: tuple[Parameter, ...]
     effects: tuple[tuple[str, tuple[tuple[str, float], ...], tuple[Parameter, ...]], ...] = ()
     """(effect, parameters held at a value, parameters to fit)."""
+    base: Physics = Physics(Rig(), Rock(1e7, 1e7))
+    """What the constants and effects are put into."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """All unknowns in order."""
         return self.constants + tuple(each for _name, _held, free in self.effects for each in free)
 
-    def physics(self, values: np.ndarray) -> Physics:
-        """The model at values (p,) of the parameters."""
+    def acting_on(self, recording: str) -> np.ndarray:
+        """Indices of the parameters that have to do with a recording."""
+        named = [i for i, each in enumerate(self.parameters) if each.recording in ("", recording)]
+        return np.array(named, dtype=np.int64)
+
+    def physics(self, values: np.ndarray, recording: str = "") -> Physics:
+        """The model at values (p,) of the parameters, as it was in a recording."""
         names = [each.name for each in self.constants]
-        base = with_constants(Physics(Rig(), Rock(1e7, 1e7)), names, list(values[: len(names)]))
+        made = with_constants(self.base, names, list(values[: len(names)]))
         at = len(names)
         chosen: list[Chosen] = []
+        before = made.impacts_before
         for name, held, free in self.effects:
             symbols = dict(held)
             for each in free:
-                symbols[each.name.split(" ")[1]] = float(values[at])
+                if each.recording in ("", recording):
+                    symbols[each.symbol] = float(values[at])
                 at += 1
-            chosen.append(make(name, **symbols))
+            before = symbols.pop("N0", before)
+            chosen.append(make(name, **polar(symbols)))
         motion, sensors = split_effects(chosen)
-        return base._replace(motion=motion, sensors=sensors)
+        return made._replace(
+            motion=(*made.motion, *motion), sensors=(*made.sensors, *sensors), impacts_before=before
+        )
+
+    def held_at(self, values: np.ndarray) -> Hypothesis:
+        """The same at fixed values, but for what is each recording's own; that starts anew."""
+        effects, at = [], len(self.constants)
+        for name, held, free in self.effects:
+            fixed = dict(held)
+            for each in free:
+                if not each.recording:
+                    fixed[each.symbol] = float(values[at])
+                at += 1
+            effects.append((name, tuple(fixed.items()), ()))
+        names = [each.name for each in self.constants]
+        base = with_constants(self.base, names, list(values[: len(names)]))
+        return Hypothesis((), tuple(effects), base)
+
+
+def polar(symbols: dict[str, float]) -> dict[str, float]:
+    """Symbols of an effect, with ``sine_x`` and ``cosine_x`` made into amplitude b_x and phase psi_x."""
+    result = {name: value for name, value in symbols.items() if not name.startswith(("sine_", "cosine_"))}
+    for name in symbols:
+        if name.startswith("sine_"):
+            channel = name.removeprefix("sine_")
+            sine, cosine = symbols[name], symbols[f"cosine_{channel}"]
+            result[f"b_{channel}"] = math.hypot(sine, cosine)
+            result[f"psi_{channel}"] = math.atan2(cosine, sine)
+    return result
 
 
 @dataclass(slots=True, eq=False)
@@ -119,7 +165,9 @@ class Fit:
     """About the values, in widths."""
     slopes: list[tuple[np.ndarray, np.ndarray]]
     columns: list[tuple[np.ndarray, np.ndarray]]
-    """(p, 2, n) and (p, windows, 4) of each recording: answers to the parameters."""
+    """(q, 2, n) and (q, windows, 4) of each recording: answers to the q parameters that act on it."""
+    places: list[np.ndarray]
+    """(q,) of each recording: which parameters these are."""
     cost: float
     """Half the sum of squares with the priors."""
     rounds: int
@@ -127,14 +175,21 @@ class Fit:
     @property
     def covariance(self) -> np.ndarray:
         """(p, p) of the parameters, in their own units."""
-        total = sum_quadratics(self.quadratics)[1] + np.diag([each.prior for each in self.hypothesis.parameters])
+        priors = [each.prior for each in self.hypothesis.parameters]
+        total = sum_quadratics(self.quadratics, self.places, len(priors))[1] + np.diag(priors)
         widths = np.array([each.width for each in self.hypothesis.parameters])
         return np.linalg.pinv(total, hermitian=True) * widths[:, None] * widths[None, :]
 
 
-def sum_quadratics(parts: Sequence[Quadratic]) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient and curvature of all recordings together."""
-    return np.sum([each.gradient for each in parts], axis=0), np.sum([each.curvature for each in parts], axis=0)
+def sum_quadratics(
+    parts: Sequence[Quadratic], places: Sequence[np.ndarray], size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient (size,) and curvature (size, size) of all recordings together, each over its own places."""
+    gradient, curvature = np.zeros(size), np.zeros((size, size))
+    for part, place in zip(parts, places, strict=True):
+        gradient[place] += part.gradient
+        curvature[np.ix_(place, place)] += part.curvature
+    return gradient, curvature
 
 
 class Workers:
@@ -166,15 +221,17 @@ def scaled_change(data: Conditioned, moved: Prediction, base: Prediction, step: 
 
 
 def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, values: np.ndarray, base: Prediction):
-    """Answers of one recording to every parameter, per width."""
-    parameters = hypothesis.parameters
-    channels = np.empty((len(parameters), 2, data.force.size))
-    ends = np.empty((len(parameters), len(states), 4))
-    for j, each in enumerate(parameters):
+    """Answers of one recording to every parameter that acts on it, per width."""
+    acting = hypothesis.acting_on(data.name)
+    channels = np.empty((acting.size, 2, data.force.size))
+    ends = np.empty((acting.size, len(states), 4))
+    for row, j in enumerate(acting.tolist()):
+        each = hypothesis.parameters[j]
         step = STEP if values[j] + STEP * each.width <= each.high else -STEP
         moved = values.copy()
         moved[j] += step * each.width
-        channels[j], ends[j] = scaled_change(data, predict(data, states, hypothesis.physics(moved)), base, step)
+        physics = hypothesis.physics(moved, data.name)
+        channels[row], ends[row] = scaled_change(data, predict(data, states, physics), base, step)
     return channels, ends
 
 
@@ -219,13 +276,19 @@ def fit(
     parts: list[Quadratic] = []
     slopes: list = []
     columns: list = []
+    places = [hypothesis.acting_on(data.name) for data in recordings]
     cost = np.inf
 
     def look(stage: Stage) -> None:
         """Slopes and quadratics where the fit stands."""
         nonlocal slopes, columns, parts
-        physics, join = hypothesis.physics(at), JOIN * stage.loose
-        slopes = workers.each(lambda data, own, base: state_slopes(data, own, physics, base), recordings, now, made)
+        join = JOIN * stage.loose
+        slopes = workers.each(
+            lambda data, own, base: state_slopes(data, own, hypothesis.physics(at, data.name), base),
+            recordings,
+            now,
+            made,
+        )
         columns = workers.each(
             lambda data, own, base: columns_for(data, own, hypothesis, at, base), recordings, now, made
         )
@@ -240,23 +303,27 @@ def fit(
 
     def stand(point: np.ndarray, placed: Sequence[np.ndarray], stage: Stage):
         """States and predictions at values of the parameters."""
-        physics = hypothesis.physics(point)
         if stage.settle:
             done = workers.each(
-                lambda data, own, first: settle_states(data, own, first, physics, stage.settle),
+                lambda data, own, first: settle_states(
+                    data, own, first, hypothesis.physics(point, data.name), stage.settle
+                ),
                 recordings,
                 placed,
                 guess,
             )
             return [each[0] for each in done], [each[1] for each in done]
-        return list(placed), workers.each(lambda data, own: predict(data, own, physics), recordings, placed)
+        said = workers.each(
+            lambda data, own: predict(data, own, hypothesis.physics(point, data.name)), recordings, placed
+        )
+        return list(placed), said
 
     for stage in stages:
         now, made = stand(at, now, stage)
         cost = cost_at(at, now, made, stage)
         for _ in range(stage.rounds):
             look(stage)
-            gradient, curvature = sum_quadratics(parts)
+            gradient, curvature = sum_quadratics(parts, places, len(parameters))
             away = (at - centre) / widths
             step = np.linalg.solve(curvature + np.diag(prior + 1e-9), gradient - prior * away)
             share, found = 1.0, None
@@ -264,8 +331,8 @@ def fit(
                 point = np.clip(at + share * step * widths, low, high)
                 moved = (point - at) / widths
                 placed = [
-                    own + (share * part.moves - part.answers @ moved).reshape(-1, 4)
-                    for own, part in zip(now, parts, strict=True)
+                    own + (share * part.moves - part.answers @ moved[place]).reshape(-1, 4)
+                    for own, part, place in zip(now, parts, places, strict=True)
                 ]
                 for each in placed:
                     each[:, 3] = np.minimum(each[:, 3], 0.0)
@@ -287,4 +354,4 @@ def fit(
             if gained < CONVERGED:
                 break
     look(stages[-1])
-    return Fit(hypothesis, at, now, made, parts, slopes, columns, cost, taken)
+    return Fit(hypothesis, at, now, made, parts, slopes, columns, places, cost, taken)

@@ -53,7 +53,9 @@ def _sample(model, regime: int, scratch: Scratch, theta: float, t: float, place:
 
 
 @njit(**KERNEL)
-def run_windows(model, states, starts, phase: float, rate: float, room, scratch: Scratch, force, acceleration, ends):
+def run_windows(
+    model, states, starts, phase: float, lead: float, rate: float, room, scratch: Scratch, force, acceleration, ends
+):
     """Run every window from its state.
 
     Args:
@@ -61,6 +63,7 @@ def run_windows(model, states, starts, phase: float, rate: float, room, scratch:
         states: (windows, 4) y, v1, v2, w, off the rock.
         starts: (windows + 1,) samples.
         phase: Of the excitation at sample 0, in rad.
+        lead: Seconds before its first sample at which the first window has its state.
         rate: Samples a second.
         room: (2, STATE_SIZE) working memory.
         scratch: From make_scratch.
@@ -75,9 +78,10 @@ def run_windows(model, states, starts, phase: float, rate: float, room, scratch:
         state[:] = 0.0
         for i in range(4):
             state[i] = states[k, i]
-        turned = phase + model[0, OMEGA] * first / rate
+        ahead = lead if k == 0 else 0.0
+        turned = phase + model[0, OMEGA] * (first / rate - ahead)
         set_phase(turned - TURN * np.floor(turned / TURN), state)
-        now, end, index = 0.0, (after - first) / rate, first
+        now, end, index = -ahead, (after - first) / rate, first
         while now < end:
             regime = begin(model, state, scratch)
             theta = state[THETA]

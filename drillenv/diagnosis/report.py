@@ -14,7 +14,7 @@ import numpy as np
 
 from drillenv.checks import InputError, shown
 from drillenv.corrected import Corrected, write_model
-from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill, per_sample, replay
+from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill
 from drillenv.diagnosis.fit import Fit
 from drillenv.diagnosis.shooting import residual
 from drillenv.dynamics.effects import REGISTRY
@@ -236,25 +236,22 @@ def _parameters(final: Fit) -> dict[str, Any]:
 
 def _fit(outcome: Outcome) -> dict[str, Any]:
     """How well it fits, in standard deviations of the sensors' noise."""
-    physics = outcome.final.hypothesis.physics(outcome.final.values)
 
-    def left(recordings, model) -> float | None:
-        if not recordings:
-            return None
-        return round(math.sqrt(float(np.mean([replay(each, model) ** 2 for each in recordings]))), 4)
+    def root(mean_square: float | None) -> float | None:
+        return None if mean_square is None else round(math.sqrt(mean_square), 4)
 
     return {
         "unit": "standard deviations of the sensors' noise, root mean square over force and acceleration",
         "noise_floor": 1.0,
         "fitted": {
             "recordings": [each.name for each in outcome.fit_data],
-            "before": left(outcome.fit_data, outcome.nominal),
-            "after": round(math.sqrt(per_sample(outcome.final)), 4),
+            "before": root(outcome.before[0]),
+            "after": root(outcome.left),
         },
         "held_out": {
             "recordings": [each.name for each in outcome.held_data],
-            "before": left(outcome.held_data, outcome.nominal),
-            "after": left(outcome.held_data, physics),
+            "before": root(outcome.before[1]),
+            "after": root(outcome.after),
         },
     }
 

@@ -7,7 +7,6 @@ mechanism that is not there it is half a chi-square number with as many degrees 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,11 +16,8 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import Variant, variants
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import Fit, Workers, scaled_change, sum_quadratics
-from drillenv.diagnosis.shooting import JOIN, Quadratic, predict, quadratic, residual, split_effects
+from drillenv.diagnosis.shooting import JOIN, Quadratic, predict, quadratic, split_effects
 from drillenv.dynamics.effects import make
-
-HUMS = (50.0, 60.0)
-"""Hz of the mains."""
 
 
 class Score(NamedTuple):
@@ -30,7 +26,7 @@ class Score(NamedTuple):
     gain: float
     variant: Variant
     strengths: np.ndarray
-    """One for each probe, in probes."""
+    """One for each probe, in probes; where each recording has its own, those of the first recording come first."""
     constants: np.ndarray
     """(p,) step of the fit's parameters that goes with it, in widths."""
 
@@ -42,10 +38,10 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
     """
     taken = {name for name, _held, _free in fitted.hypothesis.effects}
     tried = [each for each in variants() if each.mechanism not in taken]
-    physics = fitted.hypothesis.physics(fitted.values)
 
     def marks(data: Conditioned, states: np.ndarray, base) -> dict[Variant, tuple[np.ndarray, np.ndarray]]:
         found = {}
+        physics = fitted.hypothesis.physics(fitted.values, data.name)
         for variant in tried:
             channels, ends = [], []
             try:
@@ -66,22 +62,26 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
     for variant in tried:
         if not all(variant in each for each in all_marks):
             continue
-        parts = [
-            quadratic(
-                data,
-                states,
-                data.states,
-                base,
-                slope,
-                np.concatenate([column[0], mark[variant][0]]),
-                np.concatenate([column[1], mark[variant][1]]),
-                JOIN * loose,
+        parts, places, count = [], [], len(variant.probes)
+        for i, data in enumerate(recordings):
+            columns, mark = fitted.columns[i], all_marks[i][variant]
+            parts.append(
+                quadratic(
+                    data,
+                    fitted.states[i],
+                    data.states,
+                    fitted.predictions[i],
+                    fitted.slopes[i],
+                    np.concatenate([columns[0], mark[0]]),
+                    np.concatenate([columns[1], mark[1]]),
+                    JOIN * loose,
+                )
             )
-            for data, states, base, slope, column, mark in zip(
-                recordings, fitted.states, fitted.predictions, fitted.slopes, fitted.columns, all_marks, strict=True
-            )
-        ]
-        scores.append(_score(variant, parts, prior, away))
+            # what each recording has a strength of its own for, stands behind that of the recordings before it
+            first = prior.size + (count * i if variant.own else 0)
+            places.append(np.concatenate([fitted.places[i], np.arange(first, first + count)]))
+        strengths = count * (len(recordings) if variant.own else 1)
+        scores.append(_score(variant, parts, places, strengths, prior, away))
     return sorted(scores, key=lambda each: -each.gain)
 
 
@@ -92,30 +92,24 @@ def _prior(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
     return np.array([each.prior for each in parameters]), away
 
 
-def _score(variant: Variant, parts: Sequence[Quadratic], prior: np.ndarray, away: np.ndarray) -> Score:
-    """Gain of the last columns over the first ones alone."""
-    gradient, curvature = sum_quadratics(parts)
-    p, k = prior.size, len(variant.probes)
+def _score(
+    variant: Variant,
+    parts: Sequence[Quadratic],
+    places: Sequence[np.ndarray],
+    strengths: int,
+    prior: np.ndarray,
+    away: np.ndarray,
+) -> Score:
+    """Gain of the last ``strengths`` columns over the first ones alone."""
+    p = prior.size
+    gradient, curvature = sum_quadratics(parts, places, p + strengths)
     gradient[:p] -= prior * away
-    curvature[np.arange(p), np.arange(p)] += prior + 1e-9
+    known, tried = np.arange(p), np.arange(p, p + strengths)
+    curvature[known, known] += prior + 1e-9
     # probes that the data do not feel must not divide by nothing
-    curvature[np.arange(p, p + k), np.arange(p, p + k)] *= 1 + 1e-9
-    curvature[np.arange(p, p + k), np.arange(p, p + k)] += 1e-9
+    curvature[tried, tried] *= 1 + 1e-9
+    curvature[tried, tried] += 1e-9
     step = np.linalg.solve(curvature, gradient)
     with_it = 0.5 * float(gradient @ step)
     without = 0.5 * float(gradient[:p] @ np.linalg.solve(curvature[:p, :p], gradient[:p])) if p else 0.0
     return Score(with_it - without, variant, step[p:], step[:p])
-
-
-def hum(data: Conditioned, made, frequency: float) -> tuple[float, np.ndarray]:
-    """What a sine of one frequency, of any phase, gains on each channel of a recording: sum, and (2, 2) amplitudes.
-
-    A recording begins at any phase of the mains, so that every recording has amplitudes of its own.
-    """
-    left = residual(data, made)
-    inside = slice(int(data.starts[0]), int(data.starts[-1]))
-    turn = 2 * math.pi * frequency * np.arange(data.force.size)[inside] / data.rate
-    basis = np.stack([np.sin(turn), np.cos(turn)])
-    weights = np.linalg.solve(basis @ basis.T, basis @ left[:, inside].T).T
-    gain = 0.5 * float(np.einsum("ci,ij,cj->", weights, basis @ basis.T, weights))
-    return gain, weights * np.array([[data.noise_force], [data.noise_acceleration]])

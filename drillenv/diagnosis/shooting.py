@@ -29,6 +29,8 @@ from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
 RTOL = 1e-8
+MOST_LEAD = 2.0
+"""Recorded samples before the first one within which a fresh rig's start is looked for."""
 FINE = 16
 """Points a sample at which a sensor that rings or lags is followed."""
 STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
@@ -50,6 +52,8 @@ class Physics(NamedTuple):
     """Effects that act on the motion."""
     sensors: tuple[Chosen, ...] = ()
     """Effects that misreport channels."""
+    impacts_before: float | None = None
+    """Impacts that a running rig had made on its face before the recording; None for those of a second."""
 
 
 class Prediction(NamedTuple):
@@ -99,23 +103,40 @@ def _phase(data: Conditioned, physics: Physics) -> float:
     return data.phase + data.omega * sum(late)
 
 
+def _lead(data: Conditioned, physics: Physics) -> float:
+    """Seconds before the first sample at which a fresh rig was started.
+
+    The excitation begins with a zero, which lies up to two samples before the first one that was kept.
+    """
+    lead = _phase(data, physics) / data.omega
+    return lead if data.fresh and 0.0 < lead * data.rate * data.thin < MOST_LEAD else 0.0
+
+
 def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float):
     """Force, acceleration and ends by the general engine."""
     setting, rate = data.setting, data.rate * fine
     model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
     model = model._replace(omega=data.omega)
     z = np.zeros(model.tally + 4 + len(physics.motion))
-    z[OWN : model.tally] = extra_start(physics.motion, data.fresh, setting.frequency)
+    z[OWN : model.tally] = extra_start(
+        physics.motion, 0.0 if data.fresh else physics.impacts_before or setting.frequency
+    )
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
     columns = 8 + model.tally - OWN
-    starts, phase = data.starts * fine, _phase(data, physics)
+    starts, phase, lead = data.starts * fine, _phase(data, physics), _lead(data, physics)
+    nothing = np.zeros((0, columns))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
         z[[Y, V1, V2, W]] = states[k]
         samples = np.zeros((after - first, columns))
-        theta = math.fmod(phase + data.omega * first / rate, 2 * math.pi)
-        status, *_rest = integrate(model, theta, z, FREE, (after - first) / rate, rate, samples, rtol, scratch)
+        theta, regime = math.fmod(phase + data.omega * first / rate, 2 * math.pi), FREE
+        if k == 0 and lead > 0.0:
+            early = theta - data.omega * lead
+            _status, _reached, regime, *_rest = integrate(
+                model, early, z, regime, lead, rate, nothing, rtol, scratch
+            )
+        status, *_rest = integrate(model, theta, z, regime, (after - first) / rate, rate, samples, rtol, scratch)
         if status != DONE or not np.isfinite(z[:4]).all():
             raise InputError(f"{data.name}: the motion could not be followed from {first / rate:.4f} s")
         force[first:after], acceleration[first:after] = samples[:, 5], samples[:, 4]
@@ -129,8 +150,9 @@ def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, r
     set_drive(data.omega, physics.rig.drive_force(data.setting), physics.rig.static_force(data.setting), model)
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
-    room, scratch, phase = np.zeros((2, STATE_SIZE)), exact_scratch(), _phase(data, physics)
-    run_windows(model, states, data.starts * fine, phase, data.rate * fine, room, scratch, force, acceleration, ends)
+    room, scratch = np.zeros((2, STATE_SIZE)), exact_scratch()
+    phase, lead, rate = _phase(data, physics), _lead(data, physics), data.rate * fine
+    run_windows(model, states, data.starts * fine, phase, lead, rate, room, scratch, force, acceleration, ends)
     return force, acceleration, ends
 
 
@@ -149,15 +171,15 @@ def _sensed(data: Conditioned, sensors: Sequence[Chosen], force: np.ndarray, acc
     return excitation[keep], force[keep], acceleration[keep]
 
 
-def extra_start(effects: Sequence[Chosen], fresh: bool, frequency: float) -> list[float]:
+def extra_start(effects: Sequence[Chosen], impacts_before: float) -> list[float]:
     """Extra states at the beginning of a recording, in the order in which the engine holds them.
 
-    All are 0 but the impacts that a running rig has made on its face: it had been running for a second at least, at one
-    impact a period at least.
+    All are 0 but the impacts that the rig has made on its face.
     """
     ordered = sorted(effects, key=lambda each: each.effect.comes_last)
-    made = 0.0 if fresh else frequency
-    return [made if extra.symbol.startswith("N") else 0.0 for each in ordered for extra in each.effect.extras]
+    return [
+        impacts_before if extra.symbol.startswith("N") else 0.0 for each in ordered for extra in each.effect.extras
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

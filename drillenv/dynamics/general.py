@@ -3,8 +3,8 @@
 This module is what a user calls. The equations stand in :mod:`drillenv.dynamics.general_equations`; how they are
 stepped through in ``general_steps``; how switches of contact are found in ``general_switches``, how masses stick and
 slide in ``general_friction``; and ``general_runs`` puts these in order. A step is tried without regard to switches and
-taken again, shorter, to end on the first one. Samples are taken the same way, so the motion does not depend on the
-sample rate.
+taken again, shorter, to end on the first one. Samples are steps of their own from the same start or, at loose
+tolerances, read off a polynomial; the motion does not depend on the sample rate.
 """
 
 from __future__ import annotations

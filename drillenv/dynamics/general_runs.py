@@ -35,6 +35,8 @@ from drillenv.dynamics.general_steps import (
     TRIAL_SLOPE,
     borrow_model,
     copy,
+    follow,
+    inside,
     step,
     step_error,
 )
@@ -45,6 +47,9 @@ DONE, STEPS_TOO_SHORT, SWITCHES_TOO_DENSE = range(3)
 
 SHORT = 0.25
 """Share of the longest step that is taken while a mass sticks: the force that holds it is followed by cubics only."""
+
+READ_FROM = 1e-9
+"""Tolerance from which samples are read off a polynomial through the step; below, each is a step of its own."""
 
 
 @njit(**INNER)
@@ -146,6 +151,9 @@ def integrate(
                 trust[regime] = min(h * factor, model.longest)
             copy(scratch[END], scratch[TRIAL])
             copy(scratch[END_SLOPE], scratch[TRIAL_SLOPE])
+            read = rtol >= READ_FROM and sampled < samples.shape[0] and (sampled / rate - periods * period) - rest <= h
+            if read:
+                follow(model, time, theta, regime, z, h, scratch)
             s, after = find_switch(model, time, theta, regime, z, h, scratch)
             if model.gripped:
                 s, stopped = find_stop(model, time, theta, regime, z, s, scratch)
@@ -157,7 +165,12 @@ def integrate(
                 if ahead > s:
                     break
                 copy(scratch[END], scratch[TRIAL])
-                rock = step(model, time, theta, regime, z, ahead, scratch)
+                if read:
+                    inside(model, z, ahead / h, scratch)
+                    at = theta + model.omega * ahead
+                    rock = slope(model, time + ahead, at, regime, scratch[END], scratch[END_SLOPE], scratch[PUSH])
+                else:
+                    rock = step(model, time, theta, regime, z, ahead, scratch)
                 write_sample(model, regime, origin, carry, scratch[END], scratch[END_SLOPE], rock, samples[sampled])
                 copy(scratch[TRIAL], scratch[END])
                 sampled += 1

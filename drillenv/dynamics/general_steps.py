@@ -38,6 +38,30 @@ _STAGES: tuple[tuple[tuple[int, float], ...], ...] = (
     ((0, 0.054293734116568765), (5, 4.450312892752409), (6, 1.8915178993145003), (7, -5.801203960010585),
      (8, 0.3111643669578199), (9, -0.1521609496625161), (10, 0.20136540080403034), (11, 0.04471061572777259),),
 )
+# three stages more, after the slope at the end, for the states inside a step; rows 13 to 15 of the slopes
+_EXTRA: tuple[tuple[tuple[int, float], ...], ...] = (
+    ((0, 0.056167502283047954), (6, 0.25350021021662483), (7, -0.2462390374708025), (8, -0.12419142326381637),
+     (9, 0.15329179827876568), (10, 0.00820105229563469), (11, 0.007567897660545699), (12, -0.008298),),
+    ((0, 0.03183464816350214), (5, 0.028300909672366776), (6, 0.053541988307438566), (7, -0.05492374857139099),
+     (10, -0.00010834732869724932), (11, 0.0003825710908356584), (12, -0.00034046500868740456),
+     (13, 0.1413124436746325),),
+    ((0, -0.42889630158379194), (5, -4.697621415361164), (6, 7.683421196062599), (7, 4.06898981839711),
+     (8, 0.3567271874552811), (12, -0.0013990241651590145), (13, 2.9475147891527724), (14, -9.15095847217987),),
+)
+_INSIDE = (
+    (-8.428938276109013, 0.5667149535193777, -3.0689499459498917, 2.38466765651207, 2.117034582445028,
+     -0.871391583777973, 2.2404374302607883, 0.6315787787694688, -0.08899033645133331, 18.148505520854727,
+     -9.194632392478356, -4.436036387594894),
+    (10.427508642579134, 242.28349177525817, 165.20045171727028, -374.5467547226902, -22.113666853125306,
+     7.733432668472264, -30.674084731089398, -9.332130526430229, 15.697238121770845, -31.139403219565178,
+     -9.35292435884448, 35.81684148639408),
+    (19.985053242002433, -387.0373087493518, -189.17813819516758, 527.8081592054236, -11.57390253995963,
+     6.8812326946963, -1.0006050966910838, 0.7777137798053443, -2.778205752353508, -60.19669523126412,
+     84.32040550667716, 11.99229113618279),
+    (-25.69393346270375, -154.18974869023643, -231.5293791760455, 357.6391179106141, 93.40532418362432,
+     -37.45832313645163, 104.0996495089623, 29.8402934265605, -43.53345659001114, 96.32455395918828,
+     -39.17726167561544, -149.72683625798564),
+)
 _ERROR_3 = (
     -0.18980075407240762, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919,
     -0.1521609496625161, 0.20136540080403034, 0.02265179219836082,
@@ -65,26 +89,34 @@ def _table(rows: Iterable[Iterable[tuple[int, float]]]) -> tuple[np.ndarray, np.
 
 
 STAGE_START, STAGE_USES, STAGE_WEIGHTS = _table(_STAGES)
+EXTRA_START, EXTRA_USES, EXTRA_WEIGHTS = _table(_EXTRA)
+EXTRA_NODES = np.array((0.1, 0.2, 0.7777777777777778))
+INSIDE = np.array(_INSIDE)
+INSIDE_USES = np.array([0, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15])
 LAST_USES = np.array([0, 5, 6, 7, 8, 9, 10, 11])
 """The stages that enter the result and the two error estimates."""
 ERROR_3, ERROR_5 = np.array(_ERROR_3), np.array(_ERROR_5)
 
 
 # Working memory of the kernels, so that their loops allocate nothing: one array, since every array that a call hands on
-# costs time. Its rows, each as long as a state: twelve slopes inside the step last taken, then the one at its end,
+# costs time. Its rows, each as long as a state: twelve slopes inside the step last taken, that at its end, and three
+# more for the states inside,
 END_SLOPE = 12
-INNER_STATE, END = 13, 14
+INNER_STATE, END = 16, 17
 """a state inside a step, and that at the end of the step last taken;"""
-TRIAL, TRIAL_SLOPE, START_SLOPE = 15, 16, 17
+TRIAL, TRIAL_SLOPE, START_SLOPE = 18, 19, 20
 """the state at the end of the trial step with its slope, and the slope at its start;"""
-PUSH = 18
-"""(5 + effects,) forces of one effect, what each adds to the rock, and the forces that friction has to hold."""
+PUSH = 21
+"""(5 + effects,) forces of one effect, what each adds to the rock, and the forces that friction has to hold;"""
+WAY = 22
+"""seven polynomials' coefficients, that say where the trial step was inside."""
+ROWS = 29
 
 
 @njit(cache=True, nogil=True)
 def make_scratch(states: int, effects: int) -> np.ndarray:
     """Fresh working memory for a state vector of this length."""
-    return np.zeros((PUSH + 1, max(states, 5 + effects)))
+    return np.zeros((ROWS, max(states, 5 + effects)))
 
 
 @njit(**INNER)
@@ -114,6 +146,41 @@ def step(model: Model, time: float, theta: float, regime: int, z: np.ndarray, h:
         at = theta + model.omega * shift
         rock = inlined_slope(model, time + shift, at, regime, scratch[row], scratch[stage], scratch[PUSH])
     return rock
+
+
+@njit(**INNER)
+def follow(model: Model, time: float, theta: float, regime: int, z: np.ndarray, h: float, scratch: np.ndarray):
+    """Prepare :func:`inside` for the step just taken from ``z`` over ``h`` (Hairer, Norsett, Wanner, Sec. II.6)."""
+    apart()
+    for stage in range(3):
+        for i in range(model.tally):
+            total = 0.0
+            for use in range(EXTRA_START[stage], EXTRA_START[stage + 1]):
+                total += EXTRA_WEIGHTS[use] * scratch[EXTRA_USES[use], i]
+            scratch[INNER_STATE, i] = z[i] + h * total
+        shift = h * EXTRA_NODES[stage]
+        at = theta + model.omega * shift
+        inlined_slope(model, time + shift, at, regime, scratch[INNER_STATE], scratch[13 + stage], scratch[PUSH])
+    for i in range(model.tally):
+        change = scratch[END, i] - z[i]
+        scratch[WAY, i] = change
+        scratch[WAY + 1, i] = h * scratch[0, i] - change
+        scratch[WAY + 2, i] = 2.0 * change - h * (scratch[END_SLOPE, i] + scratch[0, i])
+        for row in range(4):
+            total = 0.0
+            for use in range(INSIDE_USES.size):
+                total += INSIDE[row, use] * scratch[INSIDE_USES[use], i]
+            scratch[WAY + 3 + row, i] = h * total
+
+
+@njit(**INNER)
+def inside(model: Model, z: np.ndarray, share: float, scratch: np.ndarray):
+    """The state at a share of the step that was prepared by :func:`follow`, to row ``END``; of order 7."""
+    for i in range(model.tally):
+        total = 0.0
+        for row in range(6, -1, -1):
+            total = (total + scratch[WAY + row, i]) * (share if row % 2 == 0 else 1.0 - share)
+        scratch[END, i] = z[i] + total
 
 
 @njit(**MERGED)
