@@ -50,10 +50,12 @@ LINE = 30.0
 """Power over its mean above which a single frequency in what is left is no noise (chance below 1e-8 a campaign)."""
 
 LINEAR = {
-    "chi", "h", "soft", "s_r", "k3", "c2", "fc1", "fc2", "s", "k_a", "m_c", "delay_e", "delay_f", "delay_a",
+    "chi", "h", "soft", "s_r", "k3", "c2", "fc1", "fc2", "k_a", "m_c", "delay_e", "delay_f", "delay_a",
     "o_f", "o_a", "g",
 }  # fmt: skip
 """Symbols whose strength grows from nothing in proportion to the probe."""
+SQUARED = {"s"}
+"""Symbols that act by their square."""
 DELAY = (5e-5, 4e-4)
 """Typical delays in s of any channel: only one that lags can be told, which one is for the data to say."""
 FREED = {
@@ -133,6 +135,8 @@ def extended(now: Fit, score: Score, recordings: Sequence[Conditioned]) -> tuple
         for symbol, value in probe:
             if symbol in LINEAR:
                 start[symbol] = start.get(symbol, 0.0) + value * sizes[i]
+            elif symbol in SQUARED:
+                start[symbol] = value * math.sqrt(max(sizes[i], 0.0))
             elif symbol == "n":
                 start[symbol] = 1.0 + (value - 1.0) * sizes[i]
             elif symbol not in start:

@@ -16,7 +16,18 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import Variant, variants
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import Fit, Workers, scaled_change, sum_quadratics
-from drillenv.diagnosis.shooting import JOIN, Quadratic, predict, quadratic, split_effects
+from drillenv.diagnosis.shooting import (
+    JOIN,
+    Motion,
+    Quadratic,
+    drive_phase,
+    fineness,
+    move,
+    predict,
+    quadratic,
+    sensed,
+    split_effects,
+)
 from drillenv.dynamics.effects import make
 
 
@@ -41,6 +52,7 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
 
     def marks(data: Conditioned, states: np.ndarray, base) -> dict[Variant, tuple[np.ndarray, np.ndarray]]:
         found = {}
+        moved: dict[int, Motion] = {}  # sensors leave the motion as it is
         physics = fitted.hypothesis.physics(fitted.values, data.name)
         for variant in tried:
             channels, ends = [], []
@@ -48,7 +60,14 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
                 for probe in variant.probes:
                     motion, sensors = split_effects((make(variant.mechanism, **dict(variant.held), **dict(probe)),))
                     with_it = physics._replace(motion=(*physics.motion, *motion), sensors=(*physics.sensors, *sensors))
-                    change = scaled_change(data, predict(data, states, with_it), base, 1.0)
+                    if motion or drive_phase(data, with_it) != drive_phase(data, physics):
+                        said = predict(data, states, with_it)
+                    else:
+                        fine = fineness(data, with_it.sensors)
+                        if fine not in moved:
+                            moved[fine] = move(data, states, physics, fine)
+                        said = sensed(data, moved[fine], with_it.sensors)
+                    change = scaled_change(data, said, base, 1.0)
                     channels.append(change[0])
                     ends.append(change[1])
             except InputError:

@@ -73,10 +73,39 @@ def split_effects(effects: Sequence[Chosen]) -> tuple[tuple[Chosen, ...], tuple[
     return motion, tuple(each for each in effects if each.effect.measure is not None)
 
 
+class Motion(NamedTuple):
+    """The true channels of one recording before any sensor, on ``fine`` points a sample."""
+
+    fine: int
+    force: np.ndarray
+    acceleration: np.ndarray
+    ends: np.ndarray
+    """(windows, 4) k y, v1, v2, w at the end of each window."""
+
+
 def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float = RTOL) -> Prediction:
     """The model over all windows of a recording, each from its own state (windows, 4).
 
     Extra states of effects go on from window to window; at the beginning a rig that was running has long met its rock.
+
+    Raises:
+        InputError: the motion could not be followed.
+    """
+    return sensed(data, move(data, states, physics, fineness(data, physics.sensors), rtol), physics.sensors)
+
+
+def fineness(data: Conditioned, sensors: Sequence[Chosen]) -> int:
+    """Points a sample on which these sensors have to be followed: one that rings or lags, between the samples."""
+    return data.thin * FINE if any(_between_samples(each) for each in sensors) else 1
+
+
+def _between_samples(chosen: Chosen) -> bool:
+    # a lag of the excitation alone is one of the phase
+    return chosen.effect.needs_fine and (chosen.effect.name != "channel-delay" or any(chosen.values[1:]))
+
+
+def move(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float = RTOL) -> Motion:
+    """The motion that :func:`predict` hands to the sensors.
 
     Raises:
         InputError: the motion could not be followed.
@@ -86,18 +115,13 @@ def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float
         states[0] = physics.rig.static_force(data.setting), 0.0, 0.0, 0.0
     states[:, 0] /= physics.rig.stiffness
     states[:, 3] = np.minimum(states[:, 3], 0.0)
-    # a sensor that rings or lags has to be followed between the samples
-    fine = (
-        data.thin * (FINE if any(each.effect.needs_fine for each in physics.sensors) else 1) if physics.sensors else 1
-    )
     run = _with_effects if physics.motion else _plain
     force, acceleration, ends = run(data, states, physics, fine, rtol)
     ends[:, 0] *= physics.rig.stiffness
-    excitation, force, acceleration = _sensed(data, physics.sensors, force, acceleration, fine)
-    return Prediction(excitation, force, acceleration, ends)
+    return Motion(fine, force, acceleration, ends)
 
 
-def _phase(data: Conditioned, physics: Physics) -> float:
+def drive_phase(data: Conditioned, physics: Physics) -> float:
     """Phase of the drive at the first sample in rad: that of the excitation channel, less what this one lags."""
     late = [chosen.values[0] for chosen in physics.sensors if chosen.effect.name == "channel-delay"]
     return data.phase + data.omega * sum(late)
@@ -108,7 +132,7 @@ def _lead(data: Conditioned, physics: Physics) -> float:
 
     The excitation begins with a zero, which lies up to two samples before the first one that was kept.
     """
-    lead = _phase(data, physics) / data.omega
+    lead = drive_phase(data, physics) / data.omega
     return lead if data.fresh and 0.0 < lead * data.rate * data.thin < MOST_LEAD else 0.0
 
 
@@ -125,7 +149,7 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
     columns = 8 + model.tally - OWN
-    starts, phase, lead = data.starts * fine, _phase(data, physics), _lead(data, physics)
+    starts, phase, lead = data.starts * fine, drive_phase(data, physics), _lead(data, physics)
     nothing = np.zeros((0, columns))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
         z[[Y, V1, V2, W]] = states[k]
@@ -151,13 +175,14 @@ def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, r
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
     room, scratch = np.zeros((2, STATE_SIZE)), exact_scratch()
-    phase, lead, rate = _phase(data, physics), _lead(data, physics), data.rate * fine
+    phase, lead, rate = drive_phase(data, physics), _lead(data, physics), data.rate * fine
     run_windows(model, states, data.starts * fine, phase, lead, rate, room, scratch, force, acceleration, ends)
     return force, acceleration, ends
 
 
-def _sensed(data: Conditioned, sensors: Sequence[Chosen], force: np.ndarray, acceleration: np.ndarray, fine: int):
-    """What the sensors make of the true channels, at the samples of the recording."""
+def sensed(data: Conditioned, motion: Motion, sensors: Sequence[Chosen]) -> Prediction:
+    """What the sensors make of a motion, at the samples of the recording."""
+    fine, force, acceleration = motion.fine, motion.force, motion.acceleration
     time = np.arange(force.size) / (data.rate * fine)
     excitation = data.amplitude * np.sin(data.phase + data.omega * time)
     if sensors:
@@ -168,7 +193,7 @@ def _sensed(data: Conditioned, sensors: Sequence[Chosen], force: np.ndarray, acc
             read = chosen.effect.measure(true, read, chosen.values)
         excitation, force, acceleration = read.excitation, read.force, read.acceleration
     keep = slice(None, None, fine)
-    return excitation[keep], force[keep], acceleration[keep]
+    return Prediction(excitation[keep], force[keep], acceleration[keep], motion.ends)
 
 
 def extra_start(effects: Sequence[Chosen], impacts_before: float) -> list[float]:
