@@ -68,6 +68,8 @@ FREED = {
     "mains-hum": ("f_m",),
 }
 """Parameters fitted for good where they are more than those of the probes."""
+STRENGTHS = {"guide-friction": (10.0, 30.0, 70.0), "indenter-friction": (10.0, 30.0, 70.0)}
+"""Strengths from which a mechanism is fitted that acts by jumps, so that the way from nothing can end early."""
 WIDTHS = {"f_m": 0.02}
 """Units in which parameters are counted, where a fifth of the typical size is too much for half a second."""
 
@@ -315,14 +317,20 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
         say(f"trying {score.variant.mechanism} (gain {score.gain:.0f} at first look)")
         try:
             hypothesis, values = extended(now if close else loosely, score, thin)
-            if close:
-                free = made = fit(thin, hypothesis, workers, values, now.states, NEARBY)
-            else:
-                free = fit(thin, hypothesis, workers, values, loosely.states, (Stage(1e4, 4, 4),))
-                made = _tightened(thin, free, workers)
+            tries = []
+            for strength in STRENGTHS.get(score.variant.mechanism, (None,)):
+                if strength is not None:
+                    values[len(now.values)] = strength
+                if close:
+                    free = made = fit(thin, hypothesis, workers, values, now.states, NEARBY)
+                else:
+                    free = fit(thin, hypothesis, workers, values, loosely.states, (Stage(1e4, 4, 4),))
+                    made = _tightened(thin, free, workers)
+                tries.append((made, free))
         except (InputError, np.linalg.LinAlgError) as error:
             passed.append((score.variant.mechanism, score.gain, f"cannot be followed: {error}"))
             continue
+        made, free = min(tries, key=lambda each: each[0].cost)
         fits.append((made.cost, score, made, free))
         fits.sort(key=lambda each: (per_sample(each[2]) > CLOSE, each[0]))
     if not fits:

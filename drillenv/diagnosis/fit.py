@@ -17,6 +17,7 @@ from drillenv.diagnosis.shooting import (
     Physics,
     Prediction,
     Quadratic,
+    Slopes,
     predict,
     quadratic,
     settle_states,
@@ -120,9 +121,7 @@ class Hypothesis(NamedTuple):
             before = symbols.pop("N0", before)
             chosen.append(make(name, **polar(symbols)))
         motion, sensors = split_effects(chosen)
-        return made._replace(
-            motion=(*made.motion, *motion), sensors=(*made.sensors, *sensors), impacts_before=before
-        )
+        return made._replace(motion=(*made.motion, *motion), sensors=(*made.sensors, *sensors), impacts_before=before)
 
     def held_at(self, values: np.ndarray) -> Hypothesis:
         """The same at fixed values, but for what is each recording's own; that starts anew."""
@@ -163,7 +162,7 @@ class Fit:
     predictions: list[Prediction]
     quadratics: list[Quadratic]
     """About the values, in widths."""
-    slopes: list[tuple[np.ndarray, np.ndarray]]
+    slopes: list[Slopes]
     columns: list[tuple[np.ndarray, np.ndarray]]
     """(q, 2, n) and (q, windows, 4) of each recording: answers to the q parameters that act on it."""
     places: list[np.ndarray]
@@ -274,7 +273,7 @@ def fit(
     taken = 0
     made: list[Prediction] = []
     parts: list[Quadratic] = []
-    slopes: list = []
+    slopes: list[Slopes] = []
     columns: list = []
     places = [hypothesis.acting_on(data.name) for data in recordings]
     cost = np.inf

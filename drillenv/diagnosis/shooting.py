@@ -157,9 +157,7 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
         theta, regime = math.fmod(phase + data.omega * first / rate, 2 * math.pi), FREE
         if k == 0 and lead > 0.0:
             early = theta - data.omega * lead
-            _status, _reached, regime, *_rest = integrate(
-                model, early, z, regime, lead, rate, nothing, rtol, scratch
-            )
+            _status, _reached, regime, *_rest = integrate(model, early, z, regime, lead, rate, nothing, rtol, scratch)
         status, *_rest = integrate(model, theta, z, regime, (after - first) / rate, rate, samples, rtol, scratch)
         if status != DONE or not np.isfinite(z[:4]).all():
             raise InputError(f"{data.name}: the motion could not be followed from {first / rate:.4f} s")
@@ -202,9 +200,7 @@ def extra_start(effects: Sequence[Chosen], impacts_before: float) -> list[float]
     All are 0 but the impacts that the rig has made on its face.
     """
     ordered = sorted(effects, key=lambda each: each.effect.comes_last)
-    return [
-        impacts_before if extra.symbol.startswith("N") else 0.0 for each in ordered for extra in each.effect.extras
-    ]
+    return [impacts_before if extra.symbol.startswith("N") else 0.0 for each in ordered for extra in each.effect.extras]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,21 +231,62 @@ def residual(data: Conditioned, made: Prediction) -> np.ndarray:
     )
 
 
-def state_slopes(
-    data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction
-) -> tuple[np.ndarray, np.ndarray]:
-    """How each window answers to its own state: (4, 2, n) of the scaled channels and (4, windows, 4) of its end."""
+class Slopes(NamedTuple):
+    """How each window answers to the state it begins with."""
+
+    channels: np.ndarray
+    """(4, 2, n) change of the scaled channels inside the window."""
+    ends: np.ndarray
+    """(4, windows, 4) change of its end."""
+    after: np.ndarray | None
+    """(4, 2, n) change of the scaled channels inside the window that follows; None where no sensor remembers."""
+
+
+def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction) -> Slopes:
+    """The answers of a recording to the states of its windows."""
+    fine = fineness(data, physics.sensors)
     channels, ends = np.empty((4, 2, data.force.size)), np.empty((4, len(states), 4))
+    after = np.zeros_like(channels) if fine > 1 else None
+    still = move(data, states, physics, fine) if fine > 1 else None
+    inside = np.zeros(data.force.size, dtype=np.int64)
+    for k, first in enumerate(data.starts[:-1].tolist()):
+        inside[first:] = k % 2
     for j in range(4):
         moved = states.copy()
         # away from the rock, so that a window never begins inside it
         step = -STATE_STEPS[j] if j == 3 else STATE_STEPS[j]
         moved[:, j] += step
-        made = predict(data, moved, physics)
-        channels[j, 0] = (made.force - base.force) / (step * data.noise_force)
-        channels[j, 1] = (made.acceleration - base.acceleration) / (step * data.noise_acceleration)
-        ends[j] = (made.ends - base.ends) / step
-    return channels, ends
+        motion = move(data, moved, physics, fine)
+        ends[j] = (motion.ends - base.ends) / step
+        if still is None or after is None:
+            channels[j] = _change(data, sensed(data, motion, physics.sensors), base, step)
+            continue
+        # a sensor that remembers carries a window over into the next: every other one is moved at a time
+        for turn in range(2):
+            mask = np.repeat(inside == turn, fine)
+            mixed = Motion(
+                fine,
+                np.where(mask, motion.force, still.force),
+                np.where(mask, motion.acceleration, still.acceleration),
+                motion.ends,
+            )
+            change = _change(data, sensed(data, mixed, physics.sensors), base, step)
+            own = inside == turn
+            channels[j][:, own], after[j][:, ~own] = change[:, own], change[:, ~own]
+    if after is not None:
+        # nothing comes before the first window
+        after[:, :, : int(data.starts[1])] = 0.0
+    return Slopes(channels, ends, after)
+
+
+def _change(data: Conditioned, moved: Prediction, base: Prediction, step: float) -> np.ndarray:
+    """(2, n) change of the scaled channels per ``step``."""
+    return np.stack(
+        [
+            (moved.force - base.force) / (step * data.noise_force),
+            (moved.acceleration - base.acceleration) / (step * data.noise_acceleration),
+        ]
+    )
 
 
 def quadratic(
@@ -257,7 +294,7 @@ def quadratic(
     states: np.ndarray,
     guess: np.ndarray,
     base: Prediction,
-    slopes: tuple[np.ndarray, np.ndarray],
+    slopes: Slopes,
     columns: np.ndarray,
     ends: np.ndarray,
     join: np.ndarray = JOIN,
@@ -272,7 +309,7 @@ def quadratic(
         ends: (p, windows, 4) how the windows' ends answer to them.
     """
     left = residual(data, base)
-    channels, answers = slopes
+    channels, answers, after = slopes
     windows, p = len(states), len(columns)
     size = 4 * windows
     a = np.zeros((size, size))
@@ -286,6 +323,14 @@ def quadratic(
         g[at] += own @ left[:, piece].reshape(-1)
         if p:
             b[at] += own @ columns[:, :, piece].reshape(p, -1).T
+        if after is not None and k:
+            late, before = after[:, :, piece].reshape(4, -1), slice(4 * k - 4, 4 * k)
+            a[before, before] += late @ late.T
+            a[before, at] += late @ own.T
+            a[at, before] += own @ late.T
+            g[before] += late @ left[:, piece].reshape(-1)
+            if p:
+                b[before] += late @ columns[:, :, piece].reshape(p, -1).T
         a[at, at] += np.diag(GUESS**-2.0)
         g[at] += (guess[k] - states[k]) * GUESS**-2.0
     flat = columns.reshape(p, left.size)
@@ -337,7 +382,7 @@ def settle_states(
     made = predict(data, now, physics)
     costs = window_costs(data, now, guess, made)
     for _ in range(rounds):
-        channels, _ends = state_slopes(data, now, physics, made)
+        channels = state_slopes(data, now, physics, made).channels
         left = residual(data, made)
         trial = now.copy()
         for k in range(len(now)):

@@ -284,3 +284,20 @@ def test_results_pickle():
     run = run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.05, 1e3)
     again = pickle.loads(pickle.dumps(run))
     assert np.array_equal(again.x2, run.x2) and again.end == run.end
+
+
+@pytest.mark.parametrize("name", ["none", "contact-rate", "rock-mount-compliance", "guide-friction"])
+def test_samples_read_off_a_step_are_the_motion(name):
+    """At a loose tolerance samples come from a polynomial through the step; at a tight one each is its own step."""
+    values = {
+        "contact-rate": {"chi": 0.5},
+        "rock-mount-compliance": {"s_r": 4e-9, "m_r": 40.0, "zeta_r": 0.05},
+        "guide-friction": {"fc1": 60.0},
+    }
+    chosen = [effects.make(name, **values[name])] if name != "none" else []
+    given = (Rig(), Setting(60.0, 0.45, 1.0), Rock(21.4e6, 25.05e6), 0.06, 25600.0)
+    tight, loose = (run_general(*given, effects=chosen, rtol=rtol) for rtol in (1e-12, 1e-8))
+    peak = tight.force.max()
+    assert peak > 500.0
+    np.testing.assert_allclose(loose.force, tight.force, atol=1e-6 * peak)
+    np.testing.assert_allclose(loose.acceleration, tight.acceleration, atol=1e-6 * np.abs(tight.acceleration).max())
