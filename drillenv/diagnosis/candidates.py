@@ -44,8 +44,8 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
     "rock-mount-compliance": tuple(({"m_r": m, "zeta_r": 0.05}, ({"s_r": 4e-9},)) for m in (10.0, 40.0, 100.0)),
     "stiffness-hardening": (({}, ({"k3": 5e8},)),),
     "damping-quadratic": (({}, ({"c2": 100.0},)),),
-    "indenter-friction": (({}, ({"fc2": 5.0},)),),
-    "guide-friction": (({}, ({"fc1": 5.0},)),),
+    "indenter-friction": tuple(({"vs2": speed}, ({"fc2": 5.0},)) for speed in (1e-3, 1e-2, 1e-1)),
+    "guide-friction": tuple(({"vs1": speed}, ({"fc1": 5.0},)) for speed in (5e-4, 2e-3, 8e-3)),
     "drive-harmonics": (
         (
             {},
@@ -96,10 +96,42 @@ OWN = {"mains-hum": ("sine_f", "cosine_f", "sine_a", "cosine_a")}
 """Mechanisms whose strengths differ from recording to recording: a recording begins at any phase of the mains."""
 
 
-def parameter(mechanism: str, symbol: str, value: float, width: float) -> Parameter:
+FREED = {
+    "contact-toe": ("h", "r"),
+    "rock-compaction": ("soft", "soft_n"),
+    "rock-mount-compliance": ("s_r", "m_r", "zeta_r"),
+    "air-spring": ("k_a", "tau"),
+    "accelerometer-resonance": ("f_a", "zeta_a"),
+    "backlash": ("g", "y0"),
+    "mains-hum": ("f_m",),
+    "guide-friction": ("fc1", "vs1"),
+    "indenter-friction": ("fc2", "vs2"),
+}
+"""Parameters fitted for good where they are more than those of the probes."""
+DELAY = (5e-5, 4e-4)
+SIZES = {"delay_e": DELAY, "delay_f": DELAY, "delay_a": DELAY, "vs1": (5e-4, 5e-3), "vs2": (1e-3, 5e-2)}
+"""Usual sizes where they are not the registry's: any channel may lag, and a dry guide is seldom perfectly dry."""
+WIDTHS = {"f_m": 0.02}
+"""Units in which parameters are counted, where a fifth of the usual size is too much for half a second."""
+LOOSELY = {"vs1": 0.04, "vs2": 0.04}
+"""Weights of a prior about the first guess for what the data may say nothing of."""
+LEAST = {"vs1": 1e-4, "vs2": 1e-4}
+"""Lower bounds above the registry's: a sharper corner than this is one for the fit, too."""
+
+
+def usual(mechanism: str, symbol: str) -> tuple[float, float]:
+    """Between which values a parameter usually lies."""
+    return SIZES.get(symbol) or next(e.typical for e in REGISTRY[mechanism].parameters if e.symbol == symbol)
+
+
+def parameter(mechanism: str, symbol: str, value: float) -> Parameter:
     """A parameter of an effect as an unknown of a fit, with the registry's bounds."""
     entry = next(each for each in REGISTRY[mechanism].parameters if each.symbol == symbol)
-    return Parameter(f"{mechanism} {symbol}", value, width, 0.0, entry.low, entry.high)
+    largest = max(abs(each) for each in usual(mechanism, symbol))
+    low, high = max(entry.low, LEAST.get(symbol, -math.inf)), entry.high
+    value = float(np.clip(value, max(low, -3.0 * largest), min(high, 3.0 * largest)))
+    width = WIDTHS.get(symbol, 0.2 * largest)
+    return Parameter(f"{mechanism} {symbol}", value, width, LOOSELY.get(symbol, 0.0), low, high)
 
 
 def own_parameters(mechanism: str, data: Conditioned, strengths: np.ndarray | None = None) -> list[Parameter]:

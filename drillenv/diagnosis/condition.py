@@ -27,6 +27,8 @@ SHORTEST, LONGEST = 0.6, 1.4
 """Excitation periods between which a window's length is, where there is a flight to end it."""
 GRID = 4
 """Windows begin and end at samples that this divides, so that every fourth sample makes a recording of its own."""
+SETTLING = 5e-4
+"""Seconds after the start of a fresh recording in which it is not judged."""
 TOUCH = 6.0
 """Standard deviations of the force's noise above which the indenter is on the rock."""
 
@@ -63,6 +65,16 @@ class Conditioned:
     """1, or how many recorded samples go on one here."""
     states: np.ndarray
     """(windows, 4) first guess of k y in N, v1 and v2 in m/s and w in m at the beginning of each window."""
+
+    @property
+    def judged(self) -> slice:
+        """The samples that predictions are held against.
+
+        A sensor that rings or lags still speaks of what was before the first window, of which nothing is known; in a
+        fresh recording, of the moment at which the rig was started.
+        """
+        first = round(SETTLING * self.rate) if self.fresh else int(self.starts[1])
+        return slice(first, int(self.starts[-1]))
 
     def thinned(self, every: int) -> Conditioned:
         """Every so manieth sample only, for a first look; ``every`` divides GRID."""

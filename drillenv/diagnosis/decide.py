@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.candidates import own_parameters, parameter
-from drillenv.diagnosis.condition import Conditioned, condition
-from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit
+from drillenv.diagnosis.candidates import FREED, own_parameters, parameter, usual
+from drillenv.diagnosis.condition import Conditioned, condition, white_noise
+from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import (
     residual,
@@ -21,8 +21,8 @@ from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
-REPLAYED = (Stage(1e4, 10, 2), Stage(10.0, 0, 3), Stage(1.0, 0, 4))
-"""How a model that is held is laid onto recordings."""
+ALONE = Stage(1e4, 10, 2)
+"""How a model that is held is laid onto recordings, before its windows are joined."""
 THIN = 4
 """Every fourth sample is enough to find a mechanism; all of them say how strong it is."""
 CLOSE = 1.5
@@ -46,6 +46,8 @@ SEVERAL = 3.0
 """Standard deviations away from nominal at which a constant is wrong."""
 FLOOR = 1.06
 """Sum of squares over samples above which something is left."""
+QUIETER = 0.97
+"""Share of the noise below which it is told anew from what is left."""
 LINE = 30.0
 """Power over its mean above which a single frequency in what is left is no noise (chance below 1e-8 a campaign)."""
 
@@ -56,22 +58,6 @@ LINEAR = {
 """Symbols whose strength grows from nothing in proportion to the probe."""
 SQUARED = {"s"}
 """Symbols that act by their square."""
-DELAY = (5e-5, 4e-4)
-"""Typical delays in s of any channel: only one that lags can be told, which one is for the data to say."""
-FREED = {
-    "contact-toe": ("h", "r"),
-    "rock-compaction": ("soft", "soft_n"),
-    "rock-mount-compliance": ("s_r", "m_r", "zeta_r"),
-    "air-spring": ("k_a", "tau"),
-    "accelerometer-resonance": ("f_a", "zeta_a"),
-    "backlash": ("g", "y0"),
-    "mains-hum": ("f_m",),
-}
-"""Parameters fitted for good where they are more than those of the probes."""
-STRENGTHS = {"guide-friction": (10.0, 30.0, 70.0), "indenter-friction": (10.0, 30.0, 70.0)}
-"""Strengths from which a mechanism is fitted that acts by jumps, so that the way from nothing can end early."""
-WIDTHS = {"f_m": 0.02}
-"""Units in which parameters are counted, where a fifth of the typical size is too much for half a second."""
 
 
 @dataclass(slots=True, eq=False)
@@ -148,17 +134,13 @@ def extended(now: Fit, score: Score, recordings: Sequence[Conditioned]) -> tuple
     entries = {each.symbol: each for each in REGISTRY[mechanism].parameters}
     probed = () if variant.own else tuple(dict.fromkeys(name for probe in variant.probes for name, _ in probe))
     symbols = FREED.get(mechanism, probed)
-    free, values = [], []
+    free = []
     for symbol in symbols:
-        entry = entries[symbol]
-        low, high = entry.typical if mechanism != "channel-delay" else DELAY
-        width = WIDTHS.get(symbol, 0.2 * max(abs(low), abs(high)))
-        reach = 3.0 * max(abs(low), abs(high))
-        value = float(np.clip(start[symbol], max(entry.low, -reach), min(entry.high, reach)))
-        if symbol in LINEAR and value < 0.5 * low and entry.low >= 0.0:
-            value = 0.5 * low
-        free.append(parameter(mechanism, symbol, value, width))
-        values.append(value)
+        value = start[symbol]
+        if symbol in LINEAR and entries[symbol].low >= 0.0:
+            value = max(value, 0.5 * usual(mechanism, symbol)[0])
+        free.append(parameter(mechanism, symbol, value))
+    values = [each.value for each in free]
     held = tuple((name, value) for name, value in variant.held if name not in symbols)
     for i, data in enumerate(recordings):
         each = own_parameters(mechanism, data, score.strengths[count * i : count * (i + 1)] if variant.own else None)
@@ -207,14 +189,15 @@ def replay(recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: W
         own = tuple(each for data in recordings for each in own_parameters(name, data))
         effects.append((name, held, own))
     alone = Hypothesis((), tuple(effects), hypothesis.base)
-    return fit(recordings, alone, workers, stages=REPLAYED)
+    apart = fit(recordings, alone, workers, stages=(ALONE,))
+    return joined(recordings, alone, workers, apart.values, apart.states)
 
 
 def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[str, str, float, float]]:
     """Frequencies that stand out of what is left: (recording, channel, Hz, power over its mean)."""
     found = []
     for data, made in zip(recordings, fitted.predictions, strict=True):
-        left = residual(data, made)[:, int(data.starts[0]) : int(data.starts[-1])]
+        left = residual(data, made)[:, data.judged]
         for channel, signal in zip(("force", "acceleration"), left, strict=True):
             power = np.abs(np.fft.rfft(signal)) ** 2 / signal.size
             power[0] = 0.0
@@ -222,6 +205,28 @@ def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[str
             if power[top] > LINE:
                 found.append((data.name, channel, top * data.rate / signal.size, float(power[top])))
     return found
+
+
+def quieted(recordings: list[Conditioned], fitted: Fit) -> list[Conditioned]:
+    """The recordings with their noise told from what a fit leaves, or themselves where that is nothing new.
+
+    What rings in a recording passes for noise until it is explained.
+    """
+    made = []
+    for data, said in zip(recordings, fitted.predictions, strict=True):
+        force, acceleration = residual(data, said)[:, data.judged]
+        made.append(
+            replace(
+                data,
+                noise_force=data.noise_force * min(white_noise(force), 1.0),
+                noise_acceleration=data.noise_acceleration * min(white_noise(acceleration), 1.0),
+            )
+        )
+    news = [
+        min(new.noise_force / old.noise_force, new.noise_acceleration / old.noise_acceleration)
+        for new, old in zip(made, recordings, strict=True)
+    ]
+    return made if min(news) < QUIETER else recordings
 
 
 def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
@@ -256,15 +261,22 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             say(f"{step.mechanism}: gain {step.gain:.0f}")
         say("all samples")
         final = _full(fit_data, now, workers)
+        quiet = quieted(fit_data, final)
+        if quiet is not fit_data:
+            fit_data, final = quiet, _full(quiet, final, workers)
         left, lines = per_sample(final), lines_left(fit_data, final)
         say("the recordings held out")
         nominal = plain_hypothesis.held_at(np.array([each.value for each in plain_hypothesis.constants]))
-        before = per_sample(replay(thin, nominal, workers))
+        before = per_sample(replay([each.thinned(THIN) for each in fit_data], nominal, workers))
         before_held = after = None
         if held_data:
-            thin_held = [each.thinned(THIN) for each in held_data]
-            before_held = per_sample(replay(thin_held, nominal, workers))
-            after = per_sample(replay(held_data, final.hypothesis.held_at(final.values), workers))
+            held_model = final.hypothesis.held_at(final.values)
+            shown = replay(held_data, held_model, workers)
+            quiet = quieted(held_data, shown)
+            if quiet is not held_data:
+                held_data, shown = quiet, replay(quiet, held_model, workers)
+            after = per_sample(shown)
+            before_held = per_sample(replay([each.thinned(THIN) for each in held_data], nominal, workers))
         verdict = _verdict(final, steps, left, lines)
         return Outcome(
             verdict, plain, final, steps, rejected, fit_data, held_data, left, (before, before_held), after, lines
@@ -285,8 +297,7 @@ def _tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers
     """The same hypothesis with the windows joined, where the fit is close enough for that."""
     if per_sample(loosely) > CLOSE:
         return loosely
-    stages = (Stage(10.0, 0, 4), Stage(1.0, 0, 8))
-    return fit(recordings, loosely.hypothesis, workers, loosely.values, loosely.states, stages)
+    return joined(recordings, loosely.hypothesis, workers, loosely.values, loosely.states)
 
 
 def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | None, list[tuple[str, float, str]]]:
@@ -317,20 +328,14 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
         say(f"trying {score.variant.mechanism} (gain {score.gain:.0f} at first look)")
         try:
             hypothesis, values = extended(now if close else loosely, score, thin)
-            tries = []
-            for strength in STRENGTHS.get(score.variant.mechanism, (None,)):
-                if strength is not None:
-                    values[len(now.values)] = strength
-                if close:
-                    free = made = fit(thin, hypothesis, workers, values, now.states, NEARBY)
-                else:
-                    free = fit(thin, hypothesis, workers, values, loosely.states, (Stage(1e4, 4, 4),))
-                    made = _tightened(thin, free, workers)
-                tries.append((made, free))
+            if close and REGISTRY[score.variant.mechanism].grips is None:
+                free = made = fit(thin, hypothesis, workers, values, now.states, NEARBY)
+            else:
+                free = fit(thin, hypothesis, workers, values, loosely.states, (Stage(1e4, 4, 4),))
+                made = _tightened(thin, free, workers)
         except (InputError, np.linalg.LinAlgError) as error:
             passed.append((score.variant.mechanism, score.gain, f"cannot be followed: {error}"))
             continue
-        made, free = min(tries, key=lambda each: each[0].cost)
         fits.append((made.cost, score, made, free))
         fits.sort(key=lambda each: (per_sample(each[2]) > CLOSE, each[0]))
     if not fits:

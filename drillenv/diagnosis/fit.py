@@ -26,7 +26,7 @@ from drillenv.diagnosis.shooting import (
     window_costs,
     with_constants,
 )
-from drillenv.dynamics.effects import Chosen, make
+from drillenv.dynamics.effects import ON_SHAKER, REGISTRY, Chosen, make
 from drillenv.dynamics.survey import allowed_cores
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
@@ -58,7 +58,9 @@ class Stage(NamedTuple):
     """Steps of the parameters at most."""
 
 
-FROM_AFAR = (Stage(1e4, 8, 6), Stage(10.0, 0, 4), Stage(1.0, 0, 8))
+JOINED = (Stage(10.0, 0, 4), Stage(1.0, 0, 8))
+"""From windows fitted each on its own."""
+FROM_AFAR = (Stage(1e4, 8, 6), *JOINED)
 """From first guesses: the joints come last, when the constants are nearly right."""
 NEARBY = (Stage(1.0, 0, 8),)
 """From a fit of nearly the same hypothesis."""
@@ -178,6 +180,30 @@ class Fit:
         total = sum_quadratics(self.quadratics, self.places, len(priors))[1] + np.diag(priors)
         widths = np.array([each.width for each in self.hypothesis.parameters])
         return np.linalg.pinv(total, hermitian=True) * widths[:, None] * widths[None, :]
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(p,) standard deviations of the parameters: from the noise, or, if larger, as the recordings disagree.
+
+        The second is the jackknife's, leaving out one recording at a time (B. Efron, The jackknife, the bootstrap and
+        other resampling plans, SIAM, 1982). It knows of what the noise does not: that a model is never quite right.
+        """
+        noise = np.sqrt(np.diag(self.covariance))
+        parameters, count = self.hypothesis.parameters, len(self.quadratics)
+        shared = np.array([not each.recording for each in parameters])
+        if count < 3 or not shared.any():
+            return noise
+        widths = np.array([each.width for each in parameters])
+        prior = np.array([each.prior for each in parameters])
+        pulled = prior * (self.values - np.array([each.value for each in parameters])) / widths
+        found = []
+        for out in range(count):
+            parts = [each for i, each in enumerate(self.quadratics) if i != out]
+            places = [each for i, each in enumerate(self.places) if i != out]
+            gradient, curvature = sum_quadratics(parts, places, len(parameters))
+            found.append(np.linalg.solve(curvature + np.diag(prior + 1e-9), gradient - pulled))
+        apart = np.std(found, axis=0) * math.sqrt(count - 1) * widths
+        return np.where(shared, np.maximum(noise, apart), noise)
 
 
 def sum_quadratics(
@@ -354,3 +380,27 @@ def fit(
                 break
     look(stages[-1])
     return Fit(hypothesis, at, now, made, parts, slopes, columns, places, cost, taken)
+
+
+def joined(
+    recordings: Sequence[Conditioned],
+    hypothesis: Hypothesis,
+    workers: Workers,
+    values: np.ndarray,
+    states: Sequence[np.ndarray],
+) -> Fit:
+    """The fit with windows that join, from windows fitted each on its own.
+
+    Where dry friction holds the shaker, one window that has its speed wrong pulls those after it along, and since
+    friction does not notice by how much, no step leads back. So all windows of a rig that was running also begin with
+    the median of its speeds, and the better of both ends is taken.
+    """
+    found = fit(recordings, hypothesis, workers, values, states, JOINED)
+    if not any(REGISTRY[name].grips == ON_SHAKER for name, _held, _free in hypothesis.effects):
+        return found
+    level = [own.copy() for own in states]
+    for data, own in zip(recordings, level, strict=True):
+        if not data.fresh:
+            own[:, 1] = np.median(own[:, 1])
+    other = fit(recordings, hypothesis, workers, values, level, JOINED)
+    return min(found, other, key=lambda each: each.cost)

@@ -80,19 +80,14 @@ def rehearse(
     """
     recordings, wrong = count("recordings", recordings, 3, 100), dict(wrong or {})
     seconds = number("seconds", seconds, 0.05, 60.0, "s")
-    believed, believed_rock = Rig(), rock(case)
-    widths = TOLERANCES | {
-        "loading_stiffness": ROCK_TOLERANCE[0] * believed_rock.loading_stiffness,
-        "unloading_stiffness": ROCK_TOLERANCE[1] * believed_rock.unloading_stiffness,
-    }
-    unknown = sorted(set(wrong) - set(widths))
+    nominal = believed_constants(case)
+    unknown = sorted(set(wrong) - set(nominal))
     if unknown:
-        raise InputError(f"wrong names {', '.join(unknown)}: give constants, which are {', '.join(widths)}")
-    nominal, true = {}, {}
-    for name, width in widths.items():
-        value = getattr(believed if hasattr(believed, name) else believed_rock, name)
-        nominal[name] = Nominal(value, width, "SI")
-        true[name] = wrong.get(name, 1.0) * value + width * float(np.clip(rng.normal(), -MOST_OFF, MOST_OFF))
+        raise InputError(f"wrong names {', '.join(unknown)}: give constants, which are {', '.join(nominal)}")
+    true = {}
+    for name, each in nominal.items():
+        assert each.value is not None and each.std is not None
+        true[name] = wrong.get(name, 1.0) * each.value + each.std * float(np.clip(rng.normal(), -MOST_OFF, MOST_OFF))
     true["unloading_stiffness"] = max(true["unloading_stiffness"], 1.01 * true["loading_stiffness"])
     rig = Rig(**{name: true[name] for name in TOLERANCES})
     pair = Rock(true["loading_stiffness"], true["unloading_stiffness"])
@@ -125,6 +120,15 @@ def rehearse(
     return Rehearsal(campaign, rig, pair, tuple(effects))
 
 
+def believed_constants(case: int) -> dict[str, Nominal]:
+    """What a lab believes of the rig and of a pair of Table 2.2, with the standard deviations."""
+    pair = rock(case)
+    stated = {name: Nominal(getattr(Rig(), name), width, "SI") for name, width in TOLERANCES.items()}
+    for name, share in zip(("loading_stiffness", "unloading_stiffness"), ROCK_TOLERANCE, strict=True):
+        stated[name] = Nominal(getattr(pair, name), share * getattr(pair, name), "SI")
+    return stated
+
+
 def draw_settings(rng: np.random.Generator, number_of: int) -> list[Setting]:
     """Settings spread over RANGES: a Latin hypercube."""
     columns = []
@@ -147,6 +151,8 @@ def drawn_effect(name: str, rng: np.random.Generator, share: float = 1.0) -> Cho
     values = {}
     for entry in REGISTRY[name].parameters:
         value = float(rng.uniform(*entry.typical))
+        if entry.symbol in SMOOTHED and rng.random() < 0.5:
+            value = float(rng.uniform(*SMOOTHED[entry.symbol]))
         if entry.symbol in GROWING:
             value = entry.neutral + share * (value - entry.neutral)
         elif entry.symbol in SHRINKING:
@@ -160,6 +166,8 @@ GROWING = {
     "delay_a", "o_f", "o_a", "o_e", "g", "b_f", "b_a", "b_e",
 }  # fmt: skip
 """Symbols that say how strong an effect is, 0 (or 1, of an exponent) where it is not there."""
+SMOOTHED = {"vs1": (1e-3, 4e-3), "vs2": (1e-3, 4e-2)}
+"""Speeds in m/s over which every other friction sets in."""
 SHRINKING = {"f_a", "f_b", "F_max"}
 """Symbols that say how strong it is by being small."""
 

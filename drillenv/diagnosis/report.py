@@ -127,7 +127,7 @@ def excess(outcome: Outcome) -> list[dict[str, Any]]:
     for data, made in zip(thin, fitted.predictions, strict=True):
         left = residual(data, made)
         inside = np.zeros(data.force.size, dtype=bool)
-        inside[data.starts[0] : data.starts[-1]] = True
+        inside[data.judged] = True
         touching = made.force > 0.0
         rising = np.gradient(made.force) > 0.0
         for regime, mask in zip(CELLS, (~touching, touching & rising, touching & ~rising), strict=True):
@@ -188,7 +188,7 @@ def _cell(cell: Mapping[str, Any]) -> tuple[str, str]:
 def _findings(outcome: Outcome) -> list[dict[str, Any]]:
     """One entry for each mechanism."""
     final = outcome.final
-    spread = np.sqrt(np.diag(final.covariance))
+    spread = final.spread
     strengths = {
         each.name: (value, std)
         for each, value, std in zip(final.hypothesis.parameters, final.values, spread, strict=True)
@@ -221,7 +221,7 @@ def _findings(outcome: Outcome) -> list[dict[str, Any]]:
 
 def _parameters(final: Fit) -> dict[str, Any]:
     """Constants that are off by several of their tolerances."""
-    spread = np.sqrt(np.diag(final.covariance))
+    spread = final.spread
     return {
         each.name: {
             "value": float(value),

@@ -66,7 +66,7 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
                         fine = fineness(data, with_it.sensors)
                         if fine not in moved:
                             moved[fine] = move(data, states, physics, fine)
-                        said = sensed(data, moved[fine], with_it.sensors)
+                        said = sensed(data, moved[fine], with_it)
                     change = scaled_change(data, said, base, 1.0)
                     channels.append(change[0])
                     ends.append(change[1])

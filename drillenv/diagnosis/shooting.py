@@ -31,8 +31,8 @@ from drillenv.rocks import Rock
 RTOL = 1e-8
 MOST_LEAD = 2.0
 """Recorded samples before the first one within which a fresh rig's start is looked for."""
-FINE = 16
-"""Points a sample at which a sensor that rings or lags is followed."""
+FINE, ROUGH = 16, 4
+"""Points a recorded sample at which a sensor that rings or lags is followed: on all samples, and for a first look."""
 STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
 """By how much the spring's force k y (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
 taken for y since it hardly changes with the stiffness."""
@@ -91,12 +91,14 @@ def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float
     Raises:
         InputError: the motion could not be followed.
     """
-    return sensed(data, move(data, states, physics, fineness(data, physics.sensors), rtol), physics.sensors)
+    return sensed(data, move(data, states, physics, fineness(data, physics.sensors), rtol), physics)
 
 
 def fineness(data: Conditioned, sensors: Sequence[Chosen]) -> int:
     """Points a sample on which these sensors have to be followed: one that rings or lags, between the samples."""
-    return data.thin * FINE if any(_between_samples(each) for each in sensors) else 1
+    if not any(_between_samples(each) for each in sensors):
+        return 1
+    return FINE if data.thin == 1 else data.thin * ROUGH
 
 
 def _between_samples(chosen: Chosen) -> bool:
@@ -178,18 +180,26 @@ def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, r
     return force, acceleration, ends
 
 
-def sensed(data: Conditioned, motion: Motion, sensors: Sequence[Chosen]) -> Prediction:
+def sensed(data: Conditioned, motion: Motion, physics: Physics) -> Prediction:
     """What the sensors make of a motion, at the samples of the recording."""
     fine, force, acceleration = motion.fine, motion.force, motion.acceleration
-    time = np.arange(force.size) / (data.rate * fine)
+    rate = data.rate * fine
+    time = np.arange(force.size) / rate
     excitation = data.amplitude * np.sin(data.phase + data.omega * time)
-    if sensors:
-        true = Channels(data.rate * fine, 0.0, excitation, force, acceleration, data.fresh)
+    if physics.sensors:
+        # nothing is known before the first window; a fresh rig began a moment before its first sample
+        first, early = int(data.starts[0]) * fine, round(_lead(data, physics) * rate)
+        volts, push, shake = (
+            np.concatenate([np.full(early, x[first]), x[first:]]) for x in (excitation, force, acceleration)
+        )
+        true = Channels(rate, -early / rate, volts, push, shake, data.fresh)
         read = true
-        for chosen in in_order(sensors):
+        for chosen in in_order(physics.sensors):
             assert chosen.effect.measure is not None
             read = chosen.effect.measure(true, read, chosen.values)
-        excitation, force, acceleration = read.excitation, read.force, read.acceleration
+        excitation, force, acceleration = (
+            np.concatenate([np.zeros(first), x[early:]]) for x in (read.excitation, read.force, read.acceleration)
+        )
     keep = slice(None, None, fine)
     return Prediction(excitation[keep], force[keep], acceleration[keep], motion.ends)
 
@@ -220,9 +230,9 @@ class Quadratic:
 
 
 def residual(data: Conditioned, made: Prediction) -> np.ndarray:
-    """(2, n) measured less predicted force and acceleration, over their noise; 0 outside the windows."""
+    """(2, n) measured less predicted force and acceleration, over their noise; 0 where nothing is judged."""
     inside = np.zeros(data.force.size, dtype=bool)
-    inside[data.starts[0] : data.starts[-1]] = True
+    inside[data.judged] = True
     return np.stack(
         [
             np.where(inside, data.force - made.force, 0.0) / data.noise_force,
@@ -259,7 +269,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
         motion = move(data, moved, physics, fine)
         ends[j] = (motion.ends - base.ends) / step
         if still is None or after is None:
-            channels[j] = _change(data, sensed(data, motion, physics.sensors), base, step)
+            channels[j] = _change(data, sensed(data, motion, physics), base, step)
             continue
         # a sensor that remembers carries a window over into the next: every other one is moved at a time
         for turn in range(2):
@@ -270,7 +280,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
                 np.where(mask, motion.acceleration, still.acceleration),
                 motion.ends,
             )
-            change = _change(data, sensed(data, mixed, physics.sensors), base, step)
+            change = _change(data, sensed(data, mixed, physics), base, step)
             own = inside == turn
             channels[j][:, own], after[j][:, ~own] = change[:, own], change[:, ~own]
     if after is not None:
@@ -360,7 +370,7 @@ def quadratic(
         value - 0.5 * float(g @ moves),
         gradient - b.T @ moves,
         curvature - b.T @ answer,
-        int(2 * (data.starts[-1] - data.starts[0])),
+        2 * (data.judged.stop - data.judged.start),
         moves,
         answer,
     )

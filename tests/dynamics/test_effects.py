@@ -99,7 +99,7 @@ def test_entry_says_everything(name):
     for extra in effect.extras:
         assert extra.unit and extra.meaning and extra.size > 0
     assert not effect.moves_face or effect.extras[0].unit == "m/s"
-    assert effect.grips is None or (effect.parameters[0].unit == "N" and effect.extras and not effect.term)
+    assert effect.grips is None or ([each.unit for each in effect.parameters] == ["N", "m/s"] and effect.extras)
     assert bool(effect.measure) == ("sensor" in effect.balances) and bool(effect.on_body) == ("body" in effect.balances)
     assert pickle.loads(pickle.dumps(effect)) == effect
 

@@ -427,3 +427,38 @@ def test_one_friction_a_mass():
     with pytest.raises(InputError, match="grip the same mass") as caught:
         run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.1, 0.0, effects=[HELD, other])
     assert "\n" not in str(caught.value)
+
+
+def test_smooth_friction_agrees_with_scipy():
+    """One flight of both masses, in which the shaker turns back several times within the transition speed."""
+    rig, setting, (fc1, vs1, fc2, vs2) = Rig(), Setting(60.0, 0.45, 0.2), (45.0, 2e-3, 30.0, 2e-2)
+    start = Start(0.0, 1e-3, -0.4, -0.05, FREE)
+    chosen = [make("guide-friction", fc1=fc1, vs1=vs1), make("indenter-friction", fc2=fc2, vs2=vs2)]
+    run = run_general(rig, setting, ROCKS[1], 0.02, 5e3, start=start, effects=chosen)
+    assert not run.force.any() and (np.diff(np.sign(run.v1)) != 0).any()
+
+    def slope(t, x):
+        y, v1, v2, _place = x
+        spring = rig.stiffness * y + rig.damping * (v1 - v2)
+        push = rig.drive_force(setting) * np.sin(2 * np.pi * setting.frequency * t)
+        return (
+            v1 - v2,
+            (rig.static_force(setting) - spring - fc1 * np.tanh(v1 / vs1)) / rig.shaker_mass,
+            (push + spring - fc2 * np.tanh(v2 / vs2)) / rig.indenter_mass,
+            v2,
+        )
+
+    own = slice(0, 4)
+    found = solve_ivp(slope, (0.0, 0.02), start[own], t_eval=run.time, rtol=1e-11, atol=1e-14, method="DOP853").y
+    np.testing.assert_allclose(run.v1, found[1], atol=1e-9)
+    np.testing.assert_allclose(run.v2, found[2], atol=1e-8)
+
+
+def test_sharp_transition_comes_to_dry_friction():
+    setting = Setting(60.0, 0.45, 1.0)
+    runs = [
+        run_general(Rig(), setting, ROCKS[4], 0.03, 5e3, effects=[make("guide-friction", fc1=60.0, vs1=vs1)])
+        for vs1 in (0.0, 1e-5, 1e-4)
+    ]
+    dry, sharp, less = (run.v1 for run in runs)
+    assert np.abs(sharp - dry).max() < 0.3 * np.abs(less - dry).max() < 1e-4

@@ -21,7 +21,7 @@ functions that the general engine compiles:
 These are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With
 every parameter at its neutral value an effect must change nothing, to the last bit. A corner in a force is found by the
 control of the step's error; a jump is not, and must not hide in a ``term``. The one jump that the engine follows is dry
-friction: an effect that ``grips`` a mass states only its limit, as its first parameter, and the engine does the rest.
+friction: an effect that ``grips`` a mass states its limit, as its first parameter, and the engine does the rest.
 
 Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
 what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig.
@@ -164,8 +164,9 @@ class Effect:
     moves_face: bool = False
     """Its first extra state is the speed of the rock's face in m/s."""
     grips: int | None = None
-    """``ON_SHAKER`` or ``ON_INDENTER``: dry friction holds this mass back, up to the first parameter in N. Its first
-    extra state is the way the mass slides: 1, -1, or 0 while it sticks."""
+    """``ON_SHAKER`` or ``ON_INDENTER``: dry friction holds this mass back, up to the first parameter in N, as long as
+    the second, a speed over which it sets in smoothly by its term, is 0. Its first extra state is the way the mass
+    slides: 1, -1, or 0 while it sticks."""
     measure: Callable[[Channels, Channels, tuple[float, ...]], Channels] | None = None
     """What a sensor makes of the channels: from the true ones and from those that the sensors before it have read."""
     stage: int = 0

@@ -1,19 +1,37 @@
 """Dry friction on the indenter."""
 
+import math
+
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, Effect, Extra, Parameter
+
+
+def _term(now, own, p, push, rates):
+    # at a transition speed of 0 it grips, which is the engine's
+    if p[1] > 0.0:
+        push[ON_INDENTER] -= p[0] * math.tanh(now.v2 / p[1])
+
 
 EFFECT = Effect(
     name="indenter-friction",
     sentence="Dry friction holds the indenter back, and fast while the other forces are weak.",
-    equation="force -fc2 sign(X2') on the indenter; at rest whatever holds it there, up to fc2",
+    equation=(
+        "force -fc2 tanh(X2' / vs2) on the indenter; for vs2 = 0 -fc2 sign(X2'), and at rest whatever holds it "
+        "there, up to fc2"
+    ),
     source=(
         "C. A. Coulomb, Theorie des machines simples (1785); J. P. Den Hartog, Forced vibrations with combined viscous "
-        "and Coulomb damping, Philosophical Magazine, series 7, 9 (1930) 801-817"
+        "and Coulomb damping, Philosophical Magazine, series 7, 9 (1930) 801-817; S. Andersson, A. Soderberg, "
+        "S. Bjorklund, Friction models for sliding dry, boundary and mixed lubricated contacts, Tribology International "
+        "40 (2007) 580-587"
     ),
-    parameters=(Parameter("fc2", "friction force on the indenter", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),),
+    parameters=(
+        Parameter("fc2", "friction force on the indenter", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),
+        Parameter("vs2", "speed at which a lubricated guide begins to slide freely", "m/s", 0.0, 1.0, 0.0, (0.0, 0.0)),
+    ),
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="loses",
     extras=(Extra("slide2", "way the indenter slides: 1, -1, or 0 while it sticks", "1", 1.0),),
+    term=_term,
     grips=ON_INDENTER,
 )
