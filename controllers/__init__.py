@@ -9,9 +9,10 @@ Observation and action are those of the environments with ``actions="absolute"``
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -30,6 +31,14 @@ class Controller(Protocol):
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
         """The action (3,) float32 after an observation (15,); only an oracle looks into ``info``."""
         ...
+
+
+@runtime_checkable
+class OnPlant(Protocol):
+    """What an oracle does that plans on the true plant."""
+
+    def attach(self, state: Callable[[], Any]) -> None:
+        """Take the plant of the coming episodes; ``state`` gives its present one, see ``DrillEnv.get_state``."""
 
 
 NAMES = MappingProxyType(

@@ -232,8 +232,8 @@ that were really set, so that there is no integrator to wind up while one of the
 ## Margins
 
 The least over all rocks and lags, of the loops through valve, amplitude and force sensor, each opened with everything
-else closed. "Next softer" and "next harder" put the gains on the neighbouring rock, a fifth to a third off in
-stiffness; "slower" on a cylinder whose lag is 30 % longer than estimated. "Together" is a lower bound of the disk
+else closed. "Next softer" and "next harder" put the gains on the neighbouring rock, a fifth to three eighths off
+in stiffness; "slower" on a cylinder whose lag is 30 % longer than estimated. "Together" is a lower bound of the disk
 margin for valve and amplitude changing at once, "slowest" the modulus of the slowest closed-loop pole.
 
 | plant | gain factor | phase, degrees | disk margin | together | slowest |

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.policies import SHIPPED, Policy, read_policy
+from controllers.policies import SHIPPED, Policy, actions_of, read_policy
 
 
 class Learned:
@@ -48,7 +48,7 @@ class Learned:
             values = values @ weight + bias
             values = np.tanh(values) if policy.activation == "tanh" else np.maximum(values, 0.0)
         weight, bias = self._action
-        return np.clip(values @ weight + bias, -1.0, 1.0).astype(np.float32)
+        return actions_of(values @ weight + bias)
 
     def _remember(self, values: np.ndarray) -> np.ndarray:
         """A step of the LSTM (Hochreiter and Schmidhuber, 1997, with forget gates); its output."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from controllers.belief import Belief
 from controllers.chart import FREQUENCY, RATIOS, read_chart
+from controllers.steady import best_setting
 from drillenv.checks import InputError, count
 from drillenv.env import plant
 from drillenv.env.batch import Batch, Snapshot
@@ -77,9 +78,9 @@ class Planner:
         """Forget the last plan."""
         self._last: np.ndarray | None = None
 
-    def decide(self, present: Present, rng: np.random.Generator) -> np.ndarray:
-        """(3,) float32 the first action of the best plan found."""
-        plans = self._first_plans(present, rng)
+    def decide(self, present: Present, rng: np.random.Generator, more: np.ndarray | None = None) -> np.ndarray:
+        """(3,) float32 the first action of the best plan found; ``more`` (m, 3) are plans to be tried too."""
+        plans = self._first_plans(present, rng, more)
         best, most = plans[0], -math.inf
         action, following = np.zeros(3, dtype=np.float32), best
         for turn in range(self._rounds):
@@ -99,13 +100,15 @@ class Planner:
         self._last = following
         return action
 
-    def _first_plans(self, present: Present, rng: np.random.Generator) -> np.ndarray:
+    def _first_plans(self, present: Present, rng: np.random.Generator, more: np.ndarray | None = None) -> np.ndarray:
         """(n, 3) logarithms: the last plan gone on with, the steady bests, and others about the first of these."""
         known = steady_plans(present, self._reward.rating)
+        if more is not None:
+            known = np.vstack([known, more])
         # the last plan first: what is in hand goes on unless something is better
         plans = known if self._last is None else np.vstack([self._last, known])
-        more = plans[0] + WIDE * rng.standard_normal((max(0, self._n - len(plans)), 3))
-        return np.vstack([plans, more])[: self._n]
+        others = plans[0] + WIDE * rng.standard_normal((max(0, self._n - len(plans)), 3))
+        return np.vstack([plans, others])[: self._n]
 
     def _actions(self, plans: np.ndarray, present: Present) -> tuple[np.ndarray, np.ndarray]:
         """The actions (n, horizon, 3) float32 of plans, and their amplitudes (n, horizon) in V."""
@@ -160,8 +163,10 @@ def steady_plans(present: Present, rating: float) -> np.ndarray:
 class Oracle:
     """Knows the rock under the indenter and the exact state of the plant, and plans on both: the yardstick.
 
-    It does not know what rock comes next, nor when. Where an episode has an effect that the paper leaves out
-    (``DrillHidden``), it plans on the true constants without that effect, and is no upper bound there.
+    Among its plans is the setting that earns most on this rock in the steady state, whatever the motion there: on rock
+    beyond Table 2.2 that is not always P-1-I-1. It does not know what rock comes next, nor when. Where an episode has
+    an effect that the paper leaves out (``DrillHidden``), it plans on the true constants without that effect, and is
+    no upper bound there.
 
     It has to be given the plant: :meth:`attach` it before the episode.
 
@@ -172,8 +177,9 @@ class Oracle:
 
     sees_truth = True
 
-    def __init__(self, reward: Reward | None = None, candidates: int = 16, rounds: int = 2, horizon: int = 6):
-        self._planner = Planner(reward or Reward(), candidates, rounds, horizon)
+    def __init__(self, reward: Reward | None = None, candidates: int = 18, rounds: int = 2, horizon: int = 6):
+        self._reward = reward or Reward()
+        self._planner = Planner(self._reward, candidates, rounds, horizon)
         self._state: Callable[[], EnvState] | None = None
         self.reset()
 
@@ -203,7 +209,13 @@ class Oracle:
         if present.rock != self._rock:
             self._planner.forget()
             self._rock = present.rock
-        return self._planner.decide(present, self._rng)
+        return self._planner.decide(present, self._rng, self._best_plans(present))
+
+    def _best_plans(self, present: Present) -> np.ndarray:
+        """(2, 3) plans that end at the best setting of the steady state."""
+        _, amplitude, pressure = best_setting(*present.rock, self._reward)
+        along = float(np.clip(present.pressure * amplitude / pressure, *RANGES[1]))
+        return np.log([(amplitude, pressure / amplitude, along), (amplitude, pressure / amplitude, amplitude)])
 
 
 def true_present(rig: Snapshot) -> Present:
@@ -212,8 +224,6 @@ def true_present(rig: Snapshot) -> Present:
     layer = int(parts.memories[plant.LAYER])
     parts.layers[layer:] = parts.layers[layer]
     parts.layers[layer:, plant.LAYER_END] = math.inf
-    if rig.general is not None:
-        parts.states[:4] = rig.general.z[:4]
     rock = float(parts.layers[layer, plant.LAYER_KL]), float(parts.layers[layer, plant.LAYER_KU])
     pressure, lag = float(parts.memories[plant.PRESSURE]), float(parts.memories[plant.LAG])
     return Present(replace(rig, arrays=tuple(parts), general=None), rock, pressure, lag)

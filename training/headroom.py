@@ -7,9 +7,9 @@ The best fixed setting is searched on the very episodes it is then judged by, wh
 
 from __future__ import annotations
 
-import argparse
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from itertools import product
 from typing import Any
 
@@ -18,10 +18,13 @@ from tqdm import tqdm
 
 import controllers
 from controllers import Controller
+from drillenv.checks import InputError, choice
+from drillenv.cli import Parser
 from drillenv.env.registration import KINDS
+from drillenv.env.scenarios import read_scenario
 from drillenv.env.task import RANGES
 from drillenv.env.truth import T_EXCESS, T_RATE, T_STRONG
-from drillenv.files import whole
+from drillenv.files import check_writable, whole
 from training.rollout import Rollout, rollout
 
 
@@ -130,22 +133,31 @@ def table(record: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m training.headroom", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--environment", choices=tuple(KINDS), default="DrillLayers")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line. Returns the exit code: 0, 2 on bad input."""
+    parser = Parser(prog="python -m training.headroom", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--environment", default="DrillLayers", help=f"one of {', '.join(KINDS)}")
     parser.add_argument("--scenario", default="test", help="a frozen set, or a file of one")
     parser.add_argument("--json", help="write the record to this file")
-    arguments = parser.parse_args()
-    record = headroom(arguments.environment, arguments.scenario)
+    try:
+        given = parser.parse_args(arguments)
+        choice("environment", given.environment, tuple(KINDS))
+        read_scenario(given.scenario)
+        if given.json is not None:
+            check_writable(given.json)
+        record = headroom(given.environment, given.scenario)
+        if given.json is not None:
+            with whole(given.json) as part:
+                part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     setting = record["best_fixed"]
     print(f"{record['environment']}, {record['episodes']} episodes of {record['scenario']}; best fixed setting:")
     print(f"{setting['frequency']:g} Hz, {setting['amplitude']:g} V, {setting['pressure']:g} bar")
     print(table(record))
-    if arguments.json:
-        with whole(arguments.json) as part:
-            part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

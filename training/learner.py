@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
+import numpy as np
 import torch
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor
 
-from drillenv.env.task import action_for
+from controllers.policies import outputs_for
 from training.recipe import START, Recipe
 from training.sb3 import DrillVecEnv
 from training.scaling import Scaled
@@ -49,8 +48,9 @@ class Learner:
         head = self.model.policy.action_net
         assert isinstance(head, torch.nn.Linear)
         with torch.no_grad():
-            head.bias.copy_(torch.from_numpy(action_for(*START)))
+            head.bias.copy_(torch.from_numpy(outputs_for(*START)))
         self.model.policy.log_std.requires_grad_(False)
+        self.anneal()
 
     def _algorithm(self) -> PPO | RecurrentPPO:
         """Untrained."""
@@ -58,7 +58,6 @@ class Learner:
         policy = {
             "net_arch": list(recipe.layers),
             "activation_fn": ACTIVATIONS[recipe.activation],
-            "log_std_init": math.log(recipe.noise),
         }
         common = {
             "learning_rate": lambda _: recipe.learning_rate * max(SLOWEST, self._left),
@@ -85,9 +84,9 @@ class Learner:
         """
         recipe = self.recipe
         self._left = max(0.0, 1.0 - self.model.num_timesteps / recipe.anneal)
-        noise = self._left * math.log(recipe.noise) + (1.0 - self._left) * math.log(recipe.noise_end)
+        noise = self._left * np.log(recipe.noise) + (1.0 - self._left) * np.log(recipe.noise_end)
         with torch.no_grad():
-            self.model.policy.log_std.fill_(noise)
+            self.model.policy.log_std.copy_(torch.from_numpy(noise))
 
     def close(self) -> None:
         """Let the threads of the rigs go."""

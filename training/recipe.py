@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from controllers.policies import ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
+from controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
 from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.env.registration import IDS
 
 ALGORITHMS = ("ppo", "recurrent-ppo")
-START = (116.5, 0.45, 0.75)
+START = (116.5, 0.45, 0.9)
 """Hz, V and bar that an untrained policy asks for: a careful setting that gives single blows on most rocks."""
 
 
@@ -37,11 +37,13 @@ class Recipe:
     batch: int = option(256, "steps of a minibatch")
     epochs: int = option(5, "passes over the steps of an update")
     learning_rate: float = option(5e-4, "of Adam, at the start")
-    noise: float = option(0.37, "standard deviation of the actions at the start")
-    noise_end: float = option(0.1, "the same at the end of the annealing")
+    noise: tuple[float, ...] = option(
+        (0.3, 0.3, 0.5), "standard deviations of frequency, amplitude and pressure over amplitude at the start"
+    )
+    noise_end: tuple[float, ...] = option((0.03, 0.02, 0.2), "the same at the end of the annealing")
     anneal: int = option(600_000, "steps over which learning rate and noise go down; then they stay")
-    gamma: float = option(0.9, "discount of a control interval")
-    gae_lambda: float = option(0.95, "of the generalised advantage estimate")
+    gamma: float = option(0.7, "discount of a control interval")
+    gae_lambda: float = option(0.6, "of the generalised advantage estimate")
     clip: float = option(0.2, "of the ratio of probabilities")
     layers: tuple[int, ...] = option((64, 64), "units of each layer, of policy and value alike")
     activation: str = option("tanh", f"one of {', '.join(ACTIVATIONS)}")
@@ -60,8 +62,8 @@ class Recipe:
             "batch": count("batch", self.batch, 2, 2**20),
             "epochs": count("epochs", self.epochs, 1, 100),
             "learning_rate": number("learning_rate", self.learning_rate, 1e-8, 1.0),
-            "noise": number("noise", self.noise, 1e-3, 10.0),
-            "noise_end": number("noise_end", self.noise_end, 1e-3, 10.0),
+            "noise": _noise("noise", self.noise),
+            "noise_end": _noise("noise_end", self.noise_end),
             "anneal": count("anneal", self.anneal, 1, 10**12),
             "gamma": number("gamma", self.gamma, 0.0, 0.9999),
             "gae_lambda": number("gae_lambda", self.gae_lambda, 0.0, 1.0),
@@ -87,7 +89,7 @@ class Recipe:
 
     def as_record(self) -> dict[str, Any]:
         """The recipe as JSON takes it."""
-        return asdict(self) | {"layers": list(self.layers)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 def read_recipe(record: object) -> Recipe:
@@ -103,6 +105,12 @@ def read_recipe(record: object) -> Recipe:
         if name not in names:
             raise InputError(f"recipe has {shown(name)}: its names are {', '.join(names)}")
     return Recipe(**record)
+
+
+def _noise(name: str, given: object) -> tuple[float, ...]:
+    if not isinstance(given, list | tuple) or len(given) != len(ACTIONS):
+        raise InputError(f"{name} is {shown(given)}: give {len(ACTIONS)} numbers, for {', '.join(ACTIONS)}")
+    return tuple(number(f"{name} of an action", each, 1e-3, 10.0) for each in given)
 
 
 def _layers(given: object) -> tuple[int, ...]:

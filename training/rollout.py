@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers import Controller
+from controllers import Controller, OnPlant
 from drillenv.checks import count
 from drillenv.env.registration import KINDS, STEPS
 from drillenv.env.scenarios import read_scenario
@@ -59,6 +60,8 @@ def rollout(
     observations, infos = envs.reset(seed=0, options={"episode": list(range(n))})
     drivers = [controller() for _ in range(n)]
     for i, driver in enumerate(drivers):
+        if isinstance(driver, OnPlant):
+            driver.attach(partial(envs.get_state, i))
         driver.reset(seed=i)
     rewards = np.empty((n, length))
     truths = np.empty((n, length, TRUTH_SIZE))

@@ -1,4 +1,4 @@
-"""Observations scaled by fixed numbers, and rewards by the horizon, before a policy learns from them.
+"""Observations scaled by fixed numbers, rewards by the horizon, and what a policy asks for turned into actions.
 
 Fixed numbers, because what moves with the run would have to be stored, resumed and exported with it, and because
 running statistics blow up a reading that is mostly noise, such as the half harmonic, to the size of one that matters.
@@ -11,6 +11,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
+from controllers.policies import actions_of
 from drillenv.env.observation import READINGS
 
 NOISES = 10.0
@@ -44,7 +45,7 @@ def scaled(observations: np.ndarray) -> np.ndarray:
 
 
 class Scaled(VecEnvWrapper):
-    """Scales what the environments give.
+    """Scales what the environments give, and gives them actions for what the policy asks for.
 
     Args:
         venv: Environments that give readings.
@@ -62,6 +63,10 @@ class Scaled(VecEnvWrapper):
         observations = self.venv.reset()
         assert isinstance(observations, np.ndarray)
         return scaled(observations)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the outputs (n, 3) of the policy."""
+        self.venv.step_async(actions_of(actions))
 
     def step_wait(self) -> VecEnvStepReturn:
         """Drill for one interval."""

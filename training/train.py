@@ -274,7 +274,7 @@ def parser() -> Parser:
         named = " ".join(str(part) for part in default) if several else default
         made.add_argument(
             f"--{each.name.replace('_', '-')}",
-            type=int if several else type(default),
+            type=type(default[0] if several else default),
             nargs="+" if several else None,
             help=f"{each.metadata['help']} (default {named})",
         )

@@ -6,12 +6,13 @@
     {"format": "drillenv-policy/1", "environment": "drillenv/DrillLayers-v0",
      "network": {"activation": "tanh", "lstm": 0, "layers": [64, 64]},
      "observation": {"names": [...], "centre": [...], "width": [...], "stack": 4},
-     "action": {"names": ["frequency", "amplitude", "pressure"], "low": [-1, -1, -1], "high": [1, 1, 1]},
+     "action": {"names": ["frequency", "amplitude", "ratio"], "low": [50, 0.3, 1.3], "high": [120, 0.6, 3.3]},
      "weights": {"sha256": "..."}, "provenance": {"seed": 0, ...}}
 
 Each reading of an observation is scaled to (reading - centre) / width; the last ``stack`` observations, the newest last
 and zeros before the first, go through an LSTM of ``lstm`` units (where that is not 0), then through ``layers``, then
-through a linear layer to the action, which is clipped to its bounds.
+through a linear layer to three numbers, from -1 for the low end to 1 for the high one: Hz, V and bar/V, see
+:func:`actions_of`.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from safetensors.numpy import save
 from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS
+from drillenv.env.task import RANGES
 from drillenv.files import whole
 
 FORMAT = "drillenv-policy/1"
@@ -40,7 +42,10 @@ LARGEST_WEIGHTS, LARGEST_DESCRIPTION = 16_000_000, 64_000
 """Bytes of the two files; those of two layers of 64 units have some 40 000 and 3 000."""
 ACTIVATIONS = ("tanh", "relu")
 MOST_LAYERS, MOST_UNITS, MOST_STACKED = 8, 1024, 64
-ACTIONS = ("frequency", "amplitude", "pressure")
+ACTIONS = ("frequency", "amplitude", "ratio")
+ACTION_RANGES = np.array([RANGES[0], RANGES[1], [1.3, 3.3]])
+"""Hz, V and bar/V. The policy says how much pressure there is to be over the amplitude and not how much, because that
+decides on the motion (see controllers.rules): what a rock bears is then one number at any amplitude."""
 NAMES = tuple(reading.name for reading in READINGS)
 MOST_PROVENANCE = 64
 SHIPPED = Path(__file__).parent / "ppo-layers"
@@ -87,9 +92,28 @@ class Policy:
                 "width": [float(each) for each in self.width],
                 "stack": self.stack,
             },
-            "action": {"names": list(ACTIONS), "low": [-1.0] * len(ACTIONS), "high": [1.0] * len(ACTIONS)},
+            "action": {
+                "names": list(ACTIONS),
+                "low": ACTION_RANGES[:, 0].tolist(),
+                "high": ACTION_RANGES[:, 1].tolist(),
+            },
             "provenance": dict(self.provenance),
         }
+
+
+def actions_of(outputs: np.ndarray) -> np.ndarray:
+    """Actions (..., 3) float32 of the environments for outputs (..., 3) of the network."""
+    low, high = ACTION_RANGES.T
+    frequency, amplitude, ratio = np.moveaxis(low + 0.5 * (high - low) * (np.clip(outputs, -1.0, 1.0) + 1.0), -1, 0)
+    settings = np.stack([frequency, amplitude, amplitude * ratio], axis=-1)
+    low, high = RANGES.T
+    return np.clip(2.0 * (settings - low) / (high - low) - 1.0, -1.0, 1.0).astype(np.float32)
+
+
+def outputs_for(frequency: float, amplitude: float, pressure: float) -> np.ndarray:
+    """(3,) the outputs that ask for a setting in Hz, V and bar."""
+    low, high = ACTION_RANGES.T
+    return 2.0 * (np.array([frequency, amplitude, pressure / amplitude]) - low) / (high - low) - 1.0
 
 
 def shapes(layers: tuple[int, ...], lstm: int, stack: int) -> dict[str, tuple[int, ...]]:
@@ -186,8 +210,9 @@ def _policy(record: dict[str, Any], data: bytes) -> Policy:
     weights = _keys("weights", record["weights"], ("sha256",))
     if seen["names"] != list(NAMES):
         raise InputError(f"observation names are {shown(seen['names'])}: give a policy of these readings")
-    if action["names"] != list(ACTIONS) or action["low"] != [-1] * 3 or action["high"] != [1] * 3:
-        raise InputError(f"action is {shown(action)}: give a policy of {', '.join(ACTIONS)} from -1 to 1")
+    low, high = ACTION_RANGES.T.tolist()
+    if action["names"] != list(ACTIONS) or action["low"] != low or action["high"] != high:
+        raise InputError(f"action is {shown(action)}: give a policy of {', '.join(ACTIONS)} from {low} to {high}")
     if weights["sha256"] != hashlib.sha256(data).hexdigest():
         raise InputError(f"{WEIGHTS} is not the file that {DESCRIPTION} was written with: export the policy again")
     layers = network["layers"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.learned import Learned
-from controllers.policies import read_policy
+from controllers.policies import actions_of, outputs_for, read_policy
 from drillenv.env.observation import HIGH, LOW, READINGS
 from training import export, train
 from training.export import policy_of, weights_of
@@ -53,7 +53,7 @@ def test_acts_as_the_original_to_1e_5(learner, tmp_path):
                 stacked.reshape(1, -1), state=state, episode_start=start, deterministic=True
             )
             start[:] = False
-            np.testing.assert_allclose(driver.act(seen, {}), expected[0], rtol=0, atol=1e-5)
+            np.testing.assert_allclose(driver.act(seen, {}), actions_of(expected[0]), rtol=0, atol=1e-5)
             clipped += int((np.abs(expected) == 1.0).any())
     assert clipped < 400
 
@@ -72,8 +72,22 @@ def test_the_stack_is_that_of_training(learner):
         actions, state = model.policy.predict(seen, state=state, episode_start=start, deterministic=True)
         if start[0]:
             driver.reset()
-        np.testing.assert_allclose(driver.act(learner.rigs.rigs._observations[0], {}), actions[0], rtol=0, atol=1e-5)
+        action = driver.act(learner.rigs.rigs._observations[0], {})
+        np.testing.assert_allclose(action, actions_of(actions[0]), rtol=0, atol=1e-5)
         seen, _, start, _ = learner.stacked.step(actions)
+
+
+def test_what_a_policy_asks_for_by_hand():
+    """Low and high ends, the middle, and pressures that the cylinder cannot have."""
+    asked = [[-1, -1, -1], [1, 1, 1], [0, 0, 0], [0.5, 2, -2], [9, 0.2, 0.4]]
+    settings = [[50, 0.3, 0.39], [120, 0.6, 1.98], [85, 0.45, 1.035], [102.5, 0.6, 0.78], [120, 0.48, 1.296]]
+    expected = [(np.clip(p, 0.6, 1.8) - 1.2) / 0.6 for *_, p in settings]
+    actions = actions_of(np.array(asked, dtype=np.float32))
+    assert actions.dtype == np.float32
+    np.testing.assert_allclose(actions[:, 0], [(f - 85) / 35 for f, *_ in settings], atol=1e-6)
+    np.testing.assert_allclose(actions[:, 1], [(a - 0.45) / 0.15 for _, a, _ in settings], atol=1e-6)
+    np.testing.assert_allclose(actions[:, 2], expected, atol=1e-6)
+    np.testing.assert_allclose(actions_of(outputs_for(110.0, 0.5, 1.1)), [25 / 35, 1 / 3, -1 / 6], atol=1e-6)
 
 
 def test_rewards_and_last_observations_are_scaled():
@@ -90,9 +104,9 @@ def test_rewards_and_last_observations_are_scaled():
     assert dones.all()
     for info in infos:
         assert info["TimeLimit.truncated"]
-        # the setting in the middle of its range, as the action asked for: 85 Hz, 0.45 V, 1.2 bar
+        # the setting in the middle of all ranges, as the action asked for: 85 Hz, 0.45 V, 2.3 bar/V
         last = info["terminal_observation"] * WIDTH + CENTRE
-        np.testing.assert_allclose(last[11:14], [85.0, 0.45, 1.2], rtol=1e-5)
+        np.testing.assert_allclose(last[11:14], [85.0, 0.45, 1.035], rtol=1e-5)
     learner.close()
 
 

@@ -50,8 +50,8 @@ def result_of(out, steps):
     [
         {},
         {"stack": 1, "gamma": 0.8, "activation": "relu"},
-        {"algo": "recurrent-ppo", "lstm": 8, "stack": 1},
-        {"algo": "recurrent-ppo", "lstm": 4, "env": "drillenv/DrillLayers-v0"},
+        pytest.param({"algo": "recurrent-ppo", "lstm": 8, "stack": 1}, marks=pytest.mark.slow),
+        pytest.param({"algo": "recurrent-ppo", "lstm": 4, "env": "drillenv/DrillLayers-v0"}, marks=pytest.mark.slow),
     ],
     ids=["ppo", "ppo-unstacked", "recurrent", "recurrent-stacked"],
 )
@@ -107,6 +107,7 @@ def killed_at_random(out, arguments, steps, kills, rng):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on this platform")
 def test_killed_at_random_moments_it_gives_the_same_policy(tmp_path):
     recipe = Recipe(**SMALL, evaluate_every=512, episodes=1, anneal=2000, seed=3)
@@ -209,7 +210,8 @@ BAD = {
     "batch": ["--out", "OUT", "--envs", "2", "--rollout", "8", "--batch", "17"],
     "gamma": ["--out", "OUT", "--gamma", "1.5"],
     "learning rate": ["--out", "OUT", "--learning-rate", "nan"],
-    "noise": ["--out", "OUT", "--noise", "0"],
+    "noise": ["--out", "OUT", "--noise", "0.1", "0", "0.1"],
+    "one noise": ["--out", "OUT", "--noise-end", "0.1"],
     "layers": ["--out", "OUT", "--layers"],
     "activation": ["--out", "OUT", "--activation", "eval"],
     "threads": ["--out", "OUT", "--threads", "0"],
@@ -251,9 +253,10 @@ def test_a_recipe_refuses_what_it_does_not_know():
 
 
 def test_learning_rate_and_noise_go_by_the_steps_done():
-    recipe = Recipe(**SMALL, learning_rate=1e-3, noise=0.4, noise_end=0.1, anneal=1000)
+    recipe = Recipe(**SMALL, learning_rate=1e-3, noise=(0.4, 0.1, 1), noise_end=(0.1, 0.1, 0.25), anneal=1000)
     learner = Learner(recipe, threads=1)
-    for steps, rate, noise in ((0, 1e-3, 0.4), (500, 5e-4, 0.2), (1000, 5e-5, 0.1), (10**9, 5e-5, 0.1)):
+    end = (5e-5, (0.1, 0.1, 0.25))
+    for steps, rate, noise in ((0, 1e-3, (0.4, 0.1, 1.0)), (500, 5e-4, (0.2, 0.1, 0.5)), (1000, *end), (10**9, *end)):
         learner.model.num_timesteps = steps
         learner.anneal()
         np.testing.assert_allclose(np.exp(learner.model.policy.log_std.detach().numpy()), noise, rtol=1e-6)
@@ -261,6 +264,7 @@ def test_learning_rate_and_noise_go_by_the_steps_done():
             np.testing.assert_allclose(learner.model.lr_schedule(progress), rate, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_command_line(tmp_path):
     """As a process of its own, with its progress bar."""
     options = ["--env", "drillenv/Drill-v0", "--envs", "2", "--rollout", "8", "--batch", "8", "--evaluate-every", "0"]
