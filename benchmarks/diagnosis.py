@@ -4,8 +4,8 @@
     python -m benchmarks.diagnosis run effects 2 --share 0.33 --out docs/diagnosis/trials.jsonl
     python -m benchmarks.diagnosis table docs/diagnosis/trials.jsonl
 
-Each campaign has eight recordings of half a second, of another rock, rig and settings, all drawn from its seed. A run
-goes on where the file ends. Families:
+Each campaign has eight recordings of half a second (``--seconds``), of another rock, rig and settings, all drawn from
+its seed. A run goes on where the file ends. Families:
 
 ``nulls``     nothing is missing, and each constant is off by its tolerance: any finding is a false alarm
 ``effects``   each mechanism of the library in turn, at a typical strength times ``--share``
@@ -98,25 +98,29 @@ def _case(rng: np.random.Generator) -> int:
     return int(rng.integers(1, 7))
 
 
-def _null(seed: int, share: float) -> Trial:
+def _null(seed: int, share: float, seconds: float) -> Trial:
     rng = _rng(1, seed)
-    return Trial(rehearse(rng, _case(rng)), "agrees", ())
+    return Trial(rehearse(rng, _case(rng), seconds=seconds), "agrees", ())
 
 
-def _effect(seed: int, share: float) -> Trial:
+def _effect(seed: int, share: float, seconds: float) -> Trial:
     name, rng = MECHANISMS[seed % len(MECHANISMS)], _rng(2, seed)
     chosen = drawn_effect(name, rng, share)
-    return Trial(rehearse(rng, _case(rng), (chosen,)), "missing-physics", (name,))
+    return Trial(rehearse(rng, _case(rng), (chosen,), seconds=seconds), "missing-physics", (name,))
 
 
-def _pair(seed: int, share: float) -> Trial:
+def _pair(seed: int, share: float, seconds: float) -> Trial:
     rng = _rng(3, seed)
     names = sorted(rng.choice(len(MECHANISMS), 2, replace=False).tolist())
     chosen = [drawn_effect(MECHANISMS[i], rng, share) for i in names]
-    return Trial(rehearse(rng, _case(rng), chosen), "missing-physics", tuple(each.effect.name for each in chosen))
+    return Trial(
+        rehearse(rng, _case(rng), chosen, seconds=seconds),
+        "missing-physics",
+        tuple(each.effect.name for each in chosen),
+    )
 
 
-def _wrong(seed: int, share: float) -> Trial:
+def _wrong(seed: int, share: float, seconds: float) -> Trial:
     rng = _rng(4, seed)
     case = _case(rng)
     stated = believed_constants(case)
@@ -125,18 +129,18 @@ def _wrong(seed: int, share: float) -> Trial:
     # a rock that is softer on the way out than on the way in would give energy away
     sign = {"unloading_stiffness": 1.0, "loading_stiffness": -1.0}.get(name, 1.0 if rng.random() < 0.5 else -1.0)
     away = sign * share * float(rng.uniform(6.0, 10.0)) * width
-    return Trial(rehearse(rng, case, wrong={name: 1.0 + away / believed}), "parameters", (name,))
+    return Trial(rehearse(rng, case, wrong={name: 1.0 + away / believed}, seconds=seconds), "parameters", (name,))
 
 
-def _outside(seed: int, share: float) -> Trial:
+def _outside(seed: int, share: float, seconds: float) -> Trial:
     rng = _rng(5, seed)
     effect = OUTSIDERS[seed % len(OUTSIDERS)]
     values = tuple(share * float(rng.uniform(*part.typical)) if i == 0 else float(rng.uniform(*part.typical))
                    for i, part in enumerate(effect.parameters))  # fmt: skip
-    return Trial(rehearse(rng, _case(rng), (Chosen(effect, values),)), "unexplained", (effect.name,))
+    return Trial(rehearse(rng, _case(rng), (Chosen(effect, values),), seconds=seconds), "unexplained", (effect.name,))
 
 
-FAMILIES: dict[str, Callable[[int, float], Trial]] = {
+FAMILIES: dict[str, Callable[[int, float, float], Trial]] = {
     "nulls": _null,
     "effects": _effect,
     "pairs": _pair,
@@ -145,9 +149,9 @@ FAMILIES: dict[str, Callable[[int, float], Trial]] = {
 }
 
 
-def judged(family: str, seed: int, share: float) -> dict[str, Any]:
+def judged(family: str, seed: int, share: float, seconds: float) -> dict[str, Any]:
     """One campaign, what is true of it, and what the diagnosis said."""
-    trial = FAMILIES[family](seed, share)
+    trial = FAMILIES[family](seed, share, seconds)
     start, work = time.perf_counter(), time.process_time()
     record = diagnose(trial.made.campaign).record
     truth = {
@@ -158,6 +162,7 @@ def judged(family: str, seed: int, share: float) -> dict[str, Any]:
         "family": family,
         "seed": seed,
         "share": share,
+        "recorded": seconds,
         "title": trial.made.campaign.title,
         "truth": {"verdict": trial.verdict, "names": trial.mechanisms, "effects": truth},
         "verdict": record["verdict"],
@@ -190,6 +195,7 @@ def main() -> None:
     run.add_argument("family", choices=FAMILIES)
     run.add_argument("count", type=int, help="campaigns; of `effects`, for each mechanism")
     run.add_argument("--share", type=float, default=1.0, help="of the typical strength")
+    run.add_argument("--seconds", type=float, default=0.5, help="of each recording")
     run.add_argument("--first", type=int, default=0, help="seed of the first campaign")
     run.add_argument("--out", type=Path, required=True, help="file of JSON lines that results are added to")
     table = commands.add_parser("table", help="what the trials come to")
@@ -201,12 +207,12 @@ def main() -> None:
     done = set()
     if args.out.exists():
         entries = (json.loads(line) for line in args.out.read_text().splitlines())
-        done = {(each["family"], each["seed"], each["share"]) for each in entries}
+        done = {(each["family"], each["seed"], each["share"], each["recorded"]) for each in entries}
     count = args.count * (len(MECHANISMS) if args.family == "effects" else 1)
     for seed in tqdm(range(args.first, args.first + count), desc=args.family, mininterval=5.0):
-        if (args.family, seed, args.share) in done:
+        if (args.family, seed, args.share, args.seconds) in done:
             continue
-        entry = judged(args.family, seed, args.share)
+        entry = judged(args.family, seed, args.share, args.seconds)
         with args.out.open("a") as file:
             file.write(json.dumps(entry) + "\n")
 

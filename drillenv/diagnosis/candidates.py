@@ -92,12 +92,18 @@ def variants() -> tuple[Variant, ...]:
     return tuple(made)
 
 
+SCANNED = {
+    "rock-mount-compliance": tuple(
+        {"s_r": s, "m_r": m, "zeta_r": 0.1} for m in (12.0, 25.0, 50.0, 85.0) for s in (6e-9, 1.2e-8, 2.2e-8, 4e-8)
+    ),
+}
+"""Where mechanisms are looked for whose mark at one strength says nothing of that at another, since they resonate."""
 OWN = {"mains-hum": ("sine_f", "cosine_f", "sine_a", "cosine_a")}
 """Mechanisms whose strengths differ from recording to recording: a recording begins at any phase of the mains."""
 
 
 FREED = {
-    "contact-toe": ("h", "r"),
+    "contact-toe": ("h", "r", "e"),
     "rock-compaction": ("soft", "soft_n"),
     "rock-mount-compliance": ("s_r", "m_r", "zeta_r"),
     "air-spring": ("k_a", "tau"),
@@ -113,7 +119,7 @@ SIZES = {"delay_e": DELAY, "delay_f": DELAY, "delay_a": DELAY, "vs1": (5e-4, 5e-
 """Usual sizes where they are not the registry's: any channel may lag, and a dry guide is seldom perfectly dry."""
 WIDTHS = {"f_m": 0.02}
 """Units in which parameters are counted, where a fifth of the usual size is too much for half a second."""
-LOOSELY = {"vs1": 0.04, "vs2": 0.04}
+LOOSELY = {"vs1": 0.04, "vs2": 0.04, "e": 0.04}
 """Weights of a prior about the first guess for what the data may say nothing of."""
 LEAST = {"vs1": 1e-4, "vs2": 1e-4}
 """Lower bounds above the registry's: a sharper corner than this is one for the fit, too."""

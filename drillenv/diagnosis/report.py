@@ -16,8 +16,10 @@ from drillenv.checks import InputError, shown
 from drillenv.corrected import Corrected, write_model
 from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill
 from drillenv.diagnosis.fit import Fit
+from drillenv.diagnosis.separate import separation
 from drillenv.diagnosis.shooting import residual
 from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.sensors import PerChannel
 from drillenv.files import whole
 from drillenv.recordings import Campaign, QualityFinding, check_quality, read_campaign
 
@@ -109,11 +111,30 @@ def _report(outcome: Outcome, faults: tuple[QualityFinding, ...]) -> Report:
             {"mechanism": mechanism, "why": f"{why} ({gain:.0f} of half a sum of squares)"}
             for mechanism, gain, why in outcome.rejected
         ],
+        "next": _next(outcome),
         "quality": [str(each) for each in faults],
         "cells": cells,
     }
     model = Corrected(physics.rig, physics.rock, (*physics.motion, *physics.sensors)) if explained else Corrected()
     return Report(record, model)
+
+
+def _next(outcome: Outcome) -> list[str]:
+    """What to record to tell apart what these recordings cannot."""
+    first = outcome.fit_data[0]
+    noise = PerChannel(first.noise_excitation, first.noise_force, first.noise_acceleration)
+    said = []
+    for step in outcome.steps:
+        for name, rival in step.rivals.items():
+            one, other = (each.hypothesis.physics(each.values) for each in (step.fitted, rival))
+            found = separation(one, other, noise)
+            if found is not None:
+                f, a, p = found.setting.frequency, found.setting.amplitude, found.setting.pressure
+                said.append(
+                    f"To tell {step.mechanism} from {name}, start the rig on fresh rock at {f:g} Hz, {a:g} V and {p:g} "
+                    f"bar: there their {found.channel} differs by {found.apart:.1f} times the noise."
+                )
+    return said
 
 
 def excess(outcome: Outcome) -> list[dict[str, Any]]:
@@ -205,7 +226,7 @@ def _findings(outcome: Outcome) -> list[dict[str, Any]]:
         findings.append(
             {
                 "mechanism": step.mechanism,
-                "equivalents": list(step.equivalents),
+                "equivalents": sorted(step.rivals),
                 "explanation": effect.sentence,
                 "parameters": parameters,
                 "evidence": {
@@ -270,6 +291,7 @@ def _text(record: Mapping[str, Any]) -> str:
     for name, entry in record["parameters"].items():
         found = f"{entry['value']:.6g} +- {entry['std']:.2g} {entry['unit']}"
         lines.append(f"constant: {name} = {found}, believed {entry['nominal']:g}")
+    lines += record["next"]
     held = record["fit"]["held_out"]
     if held["recordings"]:
         lines.append(

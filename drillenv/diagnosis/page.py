@@ -1,0 +1,611 @@
+"""The answer as one page for a browser, which needs nothing but itself: no server, no network.
+
+The words and tables are written here and in ``page.html``; ``page.js`` draws the waveforms with Plotly, whose library
+goes into the page once. Whatever comes from a campaign is text to the page: Jinja escapes it, the waveforms travel as
+data, and the page tells the browser by their hashes which scripts are its own, so that it runs no other.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from itertools import groupby
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from drillenv.checks import InputError, shown
+from drillenv.dynamics.effects import REGISTRY
+
+VALUES = 210_000
+"""Of all waveforms together: a page of about 6 MB, of which Plotly takes most."""
+MOST = 10_000
+"""Samples of one waveform: more than a screen shows, and few enough to zoom without a wait."""
+FEWEST = 500
+"""However many recordings there are."""
+POINTS = 240
+"""Of the curve that says how the residual goes along a recording."""
+WIDTH = 20
+"""Parts of a recording, over each of which that curve is a mean: some periods, or it would show every blow."""
+SURE = 1.96
+"""Standard deviations to either end of an interval of 95 %."""
+VERDICTS = {
+    "agrees": "The recordings agree with the model, within the sensors' noise and the stated tolerances.",
+    "unexplained": "The recordings differ from the model, and no mechanism of the library accounts for it.",
+}
+BALANCES = {
+    "contact": "contact (the law of the rock)",
+    "indenter": "indenter (forces on m2)",
+    "shaker": "shaker (forces on m1)",
+    "sensor": "sensor (no force: a channel misreports)",
+    "body": "body (forces on the mass)",
+}
+NUMERALS = ("no", "one", "two", "three", "four", "five", "six")
+INKS = ((247, 249, 251), (201, 220, 238), (127, 178, 217), (47, 119, 180), (11, 58, 111))
+"""Of the map, from nothing but noise to the worst cell: one hue, ever darker, for every kind of sight and for print."""
+DARK = 0.6
+"""Share of the way through ``INKS`` from which writing is white."""
+KNOWN = ("gain", "gain_needed", "equation", "source", "separate", "beside_a_free_lag", "share_of_left_out")
+"""What the page says of the evidence in words of its own; any other number is listed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """One channel of a recording. Arrays have shape (n,), in ``unit``; NaN leaves a gap."""
+
+    channel: str
+    unit: str
+    measured: np.ndarray
+    before: np.ndarray | None = None
+    """As the lab believed it. None for a channel that is shown beside the others and not simulated."""
+    after: np.ndarray | None = None
+    """With the constants and mechanisms found. None where nothing was found."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wave:
+    """What the page shows of one recording."""
+
+    name: str
+    held: bool
+    """Whether it took no part in the fit."""
+    time: np.ndarray
+    """(n,) s, ascending."""
+    traces: tuple[Trace, ...]
+
+
+def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
+    """One self-contained HTML document.
+
+    Args:
+        title: Of the campaign.
+        record: As ``report.json``. Keys that a rig does not have may be absent; ``next`` may list sentences on what to
+            measure next.
+        waves: Of each recording that is to be seen. Long ones are shown in part: the stretch where the mismatch is
+            largest, every sample of it, so that no peak is lost.
+
+    Raises:
+        InputError: the arrays of a recording differ in length, or are empty.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    for wave in waves:
+        _check(wave)
+    own = {name: (files("drillenv.diagnosis") / name).read_text(encoding="utf-8") for name in ("page.css", "page.js")}
+    scripts = [get_plotlyjs(), own["page.js"]] if waves else []
+    data = {"waves": _drawn(waves)}
+    surroundings = Environment(
+        loader=PackageLoader("drillenv.diagnosis", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    text = surroundings.get_template("page.html").render(
+        title=title,
+        style=Markup(own["page.css"]),
+        # the hashes are of the very text between the tags
+        scripts=[Markup(script) for script in scripts],
+        hashes=[_hash(script) for script in scripts],
+        data=Markup(_inert(data)),
+        waves=waves,
+        first=_worst(waves),
+        **_said(record, [wave.name for wave in waves if wave.held]),
+    )
+    # a name may hold half of a surrogate pair, which no encoding can write
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _check(wave: Wave) -> None:
+    for trace in wave.traces:
+        for series in _series(trace):
+            if series.shape != wave.time.shape or series.ndim != 1 or not series.size:
+                raise InputError(
+                    f"recording {shown(wave.name)}: {trace.channel} has the shape {series.shape} and its times "
+                    f"{wave.time.shape}: give as many samples as times"
+                )
+
+
+def _hash(script: str) -> str:
+    """As a content security policy names a script."""
+    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+
+
+def _inert(data: object) -> str:
+    """JSON that nothing inside can end: it holds no angle bracket."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+# the waveforms
+
+
+def _series(trace: Trace) -> list[np.ndarray]:
+    return [series for series in (trace.measured, trace.before, trace.after) if series is not None]
+
+
+def _drawn(waves: Sequence[Wave]) -> list[dict[str, Any]]:
+    """What page.js needs of each recording."""
+    count = sum(1 + len(_series(trace)) for wave in waves for trace in wave.traces)
+    least = max(FEWEST, min(MOST, VALUES // max(count, 1)))
+    return [_wave(wave, least) for wave in waves]
+
+
+def _wave(wave: Wave, count: int) -> dict[str, Any]:
+    size = wave.time.size
+    part = _stretch(wave, slice(0, size), count)
+    whole = part == slice(0, size)
+    view = part if whole else _stretch(wave, part, count // 4)
+    begin = float(wave.time[part.start])
+    return {
+        "name": wave.name,
+        "held": wave.held,
+        "whole": whole,
+        "span": _ends(wave, slice(0, size)),
+        "part": _ends(wave, part),
+        "view": _ends(wave, view),
+        "begin": begin,
+        "time": _packed(wave.time[part] - begin),
+        "traces": [
+            {
+                # Plotly reads a little HTML in its labels
+                "channel": _plain(trace.channel),
+                "unit": _plain(_unit(trace.unit)),
+                "measured": _packed(trace.measured[part]),
+                "before": None if trace.before is None else _packed(trace.before[part]),
+                "after": None if trace.after is None else _packed(trace.after[part]),
+                "along": None if whole or trace.before is None else _along(wave.time, trace),
+            }
+            for trace in wave.traces
+        ],
+    }
+
+
+def _ends(wave: Wave, part: slice) -> list[float]:
+    return [float(wave.time[part.start]), float(wave.time[part.stop - 1])]
+
+
+def _packed(samples: np.ndarray) -> str:
+    """Single precision, as a browser reads it."""
+    return base64.b64encode(np.ascontiguousarray(samples, dtype="<f4").tobytes()).decode("ascii")
+
+
+def _plain(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _left(trace: Trace) -> np.ndarray:
+    """(n,) squares of what was left before, 0 where there is nothing to compare."""
+    if trace.before is None:
+        return np.zeros(trace.measured.size)
+    return np.nan_to_num(trace.measured - trace.before, posinf=0.0, neginf=0.0) ** 2
+
+
+def _stretch(wave: Wave, part: slice, count: int) -> slice:
+    """So many samples, where the mismatch is largest over all channels."""
+    if part.stop - part.start <= count:
+        return part
+    badness = np.zeros(part.stop - part.start)
+    for trace in wave.traces:
+        squares = _left(trace)[part]
+        badness += squares / max(float(squares.mean()), 1e-300)
+    sums = np.concatenate([[0.0], np.cumsum(badness)])
+    start = part.start + int(np.argmax(sums[count:] - sums[:-count]))
+    return slice(start, start + count)
+
+
+def _along(time: np.ndarray, trace: Trace) -> dict[str, Any]:
+    """Root mean square of the residual over a window that moves along the whole recording."""
+    count = max(1, time.size // WIDTH)
+    first = np.linspace(0, time.size - count, min(POINTS, time.size)).astype(int)
+
+    def roots(series: np.ndarray | None) -> str | None:
+        if series is None:
+            return None
+        squares = (trace.measured - series) ** 2
+        known = np.isfinite(squares)
+        sums, counts = (
+            np.concatenate([[0.0], np.cumsum(each)])[[first, first + count]]
+            for each in (np.where(known, squares, 0.0), known)
+        )
+        # a difference of sums may fall below zero by a rounding error
+        mean = np.maximum(sums[1] - sums[0], 0.0) / np.maximum(counts[1] - counts[0], 1.0)
+        return _packed(np.sqrt(np.where(counts[1] > counts[0], mean, np.nan)))
+
+    middles = 0.5 * (time[first] + time[first + count - 1])
+    return {"time": _packed(middles), "before": roots(trace.before), "after": roots(trace.after)}
+
+
+def _worst(waves: Sequence[Wave]) -> int:
+    """The recording to begin with: where the mismatch is largest beside the signal."""
+
+    def mismatch(wave: Wave) -> float:
+        shares = [
+            float(_left(trace).mean()) / max(float(np.nanvar(trace.measured)), 1e-300)
+            for trace in wave.traces
+            if np.isfinite(trace.measured).any()
+        ]
+        return max(shares, default=0.0)
+
+    return max(range(len(waves)), key=lambda i: mismatch(waves[i]), default=0)
+
+
+# the words
+
+
+def _said(record: Mapping[str, Any], held: Sequence[str]) -> dict[str, Any]:
+    """Everything that the template writes, ready to be escaped."""
+    findings = record.get("findings") or []
+    return {
+        "verdict": record["verdict"],
+        "sentence": sentence(record),
+        "summary": (record.get("where") or {}).get("summary") or "",
+        "facts": list(_facts(record)),
+        "chart": _map(record.get("cells") or [], held),
+        "fit": _fit(record.get("fit") or {}),
+        "findings": [_finding(each) for each in findings],
+        "constants": _constants(record),
+        "rest": _rest(record.get("rest") or {}),
+        "rejected": [(str(each["mechanism"]), each["why"]) for each in record.get("rejected") or []],
+        "ahead": _ahead(record, findings),
+        "quality": record.get("quality"),
+        "remarks": record.get("remarks") or [],
+    }
+
+
+def sentence(record: Mapping[str, Any]) -> str:
+    """The verdict in one plain sentence."""
+    verdict = record["verdict"]
+    wrong = [name for name, entry in (record.get("parameters") or {}).items() if entry.get("nominal") is not None]
+    if verdict == "missing-physics":
+        names = [str(each["mechanism"]) for each in record.get("findings") or []]
+        beside = f"; besides, {_off(wrong)}" if wrong else ""
+        return f"The model leaves out {_count(len(names), 'mechanism')}: {_listed(names)}{beside}."
+    if verdict == "parameters":
+        return f"No physics is missing; {_off(wrong)}."
+    return VERDICTS.get(verdict, f"The verdict is {verdict}.")
+
+
+def _off(names: Sequence[str]) -> str:
+    if not names:
+        return "constants are off"
+    return f"{_count(len(names), 'constant')} {'is' if len(names) == 1 else 'are'} off: {_listed(map(_words, names))}"
+
+
+def _count(count: int, what: str) -> str:
+    numeral = NUMERALS[count] if count < len(NUMERALS) else str(count)
+    return f"{numeral} {what}{'' if count == 1 else 's'}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    *most, last = list(names) or [""]
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def _words(name: str) -> str:
+    """loading_stiffness, as one says it."""
+    return str(name).replace("_", " ")
+
+
+def _facts(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    where, fit = record.get("where") or {}, record.get("fit") or {}
+    if where.get("balance"):
+        yield "Where it acts", BALANCES.get(where["balance"], str(where["balance"]))
+    if where.get("regimes"):
+        yield "When", "; ".join(str(each) for each in where["regimes"])
+    if where.get("recordings"):
+        yield "Recordings that differ", ", ".join(str(each) for each in where["recordings"])
+    held, floor = fit.get("held_out") or {}, fit.get("noise_floor")
+    if _finite(held.get("after")) and _finite(floor):
+        before, after, least = (number(each, 3, trim=False) for each in (held.get("before"), held["after"], floor))
+        unit = str(fit.get("unit") or "").partition(",")[0]
+        yield "Residual, held out", f"{before} before, {after} after, noise floor {least} ({unit})"
+
+
+# the map
+
+
+def _map(cells: Sequence[Mapping[str, Any]], held: Sequence[str]) -> dict[str, Any] | None:
+    """A table of recordings by channels and regimes, each cell with its ink."""
+    if not cells:
+        return None
+    by_place = {(str(each["recording"]), str(each["channel"]), str(each["regime"])): each for each in cells}
+    rows = dict.fromkeys(name for name, _channel, _regime in by_place)
+    channels = dict.fromkeys(channel for _name, channel, _regime in by_place)
+    columns = [
+        (channel, regime)
+        for channel in channels
+        for regime in dict.fromkeys(each[2] for each in by_place if each[1] == channel)
+    ]
+    top = max([10.0, *(float(each["mean_square"]) for each in cells if _finite(each["mean_square"]))])
+    return {
+        "channels": [(name, len(list(group))) for name, group in groupby(channel for channel, _regime in columns)],
+        "regimes": [regime for _channel, regime in columns],
+        "rows": [(name, [_cell(by_place.get((name, *column)), top) for column in columns]) for name in rows],
+        "absent": ", ".join(name for name in held if name not in rows),
+        "top": number(top, 3),
+        "ramp": ", ".join(f"rgb{ink}" for ink in INKS),
+    }
+
+
+def _cell(cell: Mapping[str, Any] | None, top: float) -> dict[str, str]:
+    if cell is None or not _finite(cell["mean_square"]):
+        return {"text": "", "ink": "none", "title": "no samples", "tone": "empty"}
+    value = float(cell["mean_square"])
+    share = min(max(math.log(max(value, 1.0)) / math.log(top), 0.0), 1.0)
+    title = f"{number(value)} times the noise's mean square"
+    if "samples" in cell:
+        title += f", {cell['samples']} samples"
+    return {
+        "text": f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}",
+        "ink": _ink(share),
+        "title": title,
+        "tone": "dark" if share > DARK else "light",
+    }
+
+
+def _ink(share: float) -> str:
+    place = share * (len(INKS) - 1)
+    i = min(int(place), len(INKS) - 2)
+    mixed = [round(low + (place - i) * (high - low)) for low, high in zip(INKS[i], INKS[i + 1], strict=True)]
+    return f"rgb({mixed[0]}, {mixed[1]}, {mixed[2]})"
+
+
+# the fit
+
+
+def _fit(fit: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Figures before and after beside the floor, each with its place on a common scale."""
+    floor = fit.get("noise_floor")
+    entries = []
+    for key, label in (("fitted", "fitted"), ("left_out", "left out in turn"), ("held_out", "held out")):
+        entry = fit.get(key) or {}
+        if not _finite(entry.get("before")) and not _finite(entry.get("after")):
+            continue
+        if key == "held_out" and entry == fit.get("left_out"):
+            continue  # where none is held out, the same figures stand in both places
+        entries.append((label, entry))
+        each = entry.get("each") or {}
+        if len(each) > 1:
+            entries += [(str(name), {**figures, "recordings": []}) for name, figures in each.items()]
+    if not entries:
+        return None
+    known = [each[key] for _label, each in entries for key in ("before", "after") if _finite(each.get(key))]
+    known += [floor] if _finite(floor) else []
+    scale = _Scale.over(known)
+    return {
+        "unit": fit.get("unit") or "",
+        "floor": number(floor, 3, trim=False) if _finite(floor) else None,
+        "floor_at": scale.place(floor),
+        "ticks": scale.ticks(),
+        "forced": any(_finite(each.get("force")) for _label, each in entries),
+        "rows": [_fit_row(label, each, floor, scale) for label, each in entries],
+    }
+
+
+def _fit_row(label: str, entry: Mapping[str, Any], floor: Any, scale: _Scale) -> dict[str, Any]:
+    before, after, force = entry.get("before"), entry.get("after"), entry.get("force")
+    over = after / floor if _finite(after) and _finite(floor) and floor > 0 else None
+    share = ""
+    if _finite(force) and force > 0:
+        share = " to ".join(f"{100 * each / force:.2g} %" for each in (before, after) if _finite(each))
+    return {
+        "label": label,
+        "recordings": ", ".join(str(name) for name in entry.get("recordings") or []),
+        "how": entry.get("how") or "",
+        "before": number(before, 3, trim=False),
+        "after": number(after, 3, trim=False),
+        "over": "" if over is None else f"{over:.2f}",
+        "share": share,
+        "before_at": scale.place(before),
+        "after_at": scale.place(after),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """A logarithmic scale, as per cent of its length."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def over(cls, values: Sequence[float]) -> _Scale:
+        positive = [float(value) for value in values if value > 0] or [1.0]
+        low, high = min(positive), max(positive)
+        # a factor of two at the least, or a scale of nothing but noise would make much of it
+        return cls(low / 1.25, max(high, 2.0 * low) * 1.25)
+
+    def place(self, value: Any) -> float | None:
+        if not _finite(value) or value <= 0:
+            return None
+        return round(100.0 * math.log(value / self.low) / math.log(self.high / self.low), 2)
+
+    def ticks(self) -> list[tuple[str, float | None]]:
+        first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
+        steps = (1, 2, 5) if self.high / self.low < 200 else (1,)
+        values = [step * 10.0**power for power in range(first, last + 1) for step in steps]
+        return [(number(value, 2), self.place(value)) for value in values if self.low <= value <= self.high]
+
+
+# mechanisms and constants
+
+
+def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
+    mechanism, evidence = str(finding["mechanism"]), finding.get("evidence") or {}
+    lag = {key: entry for key, entry in (evidence.get("beside_a_free_lag") or {}).items() if isinstance(entry, Mapping)}
+    return {
+        "mechanism": mechanism,
+        "explanation": finding.get("explanation") or "",
+        "equation": evidence.get("equation") or "",
+        "source": list(_linked(str(evidence.get("source") or ""))),
+        "strengths": [_strength(mechanism, *each) for each in (finding.get("parameters") or {}).items()],
+        "equivalents": _listed(str(each) for each in finding.get("equivalents") or []),
+        "separate": evidence.get("separate") or [],
+        "gain": number(evidence.get("gain")),
+        "gain_needed": number(evidence.get("gain_needed")),
+        "share": f"{100 * evidence['share_of_left_out']:.3g} %" if _finite(evidence.get("share_of_left_out")) else "",
+        "lag": [_strength(mechanism, *each) for each in lag.items()],
+        "more": [(_words(key), number(each)) for key, each in evidence.items() if key not in KNOWN and _finite(each)],
+    }
+
+
+def _linked(source: str) -> Iterator[tuple[str, str]]:
+    """Pieces of a source with where each leads, which is nowhere but for a DOI."""
+    for piece in re.split(r"(doi:10\.\d{4,9}/[^\s,;]+)", source):
+        if piece:
+            yield piece, f"https://doi.org/{piece[4:]}" if piece.startswith("doi:10.") else ""
+
+
+def _strength(mechanism: str, symbol: str, entry: Mapping[str, Any]) -> dict[str, str]:
+    effect = REGISTRY.get(mechanism)
+    meanings = {each.symbol: each.meaning for each in effect.parameters} if effect else {}
+    meaning = "lag of the channel" if symbol == "lag" else meanings.get(symbol, "")
+    return {"name": str(symbol), "meaning": meaning, **_quantity(entry)}
+
+
+def _constants(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Those that are off first, then the rest of the law where the record has it."""
+    off, every = record.get("parameters") or {}, record.get("constants") or {}
+    rest = {name: entry for name, entry in every.items() if name not in off}
+    return [_constant(name, entry, _change(entry), entry.get("nominal") is not None) for name, entry in off.items()] + [
+        _constant(name, entry, "within its tolerance", False) for name, entry in rest.items()
+    ]
+
+
+def _constant(name: str, entry: Mapping[str, Any], change: str, off: bool) -> dict[str, Any]:
+    return {"name": _words(name), "off": off, "change": change, **_quantity(entry, entry.get("nominal"))}
+
+
+def _change(entry: Mapping[str, Any]) -> str:
+    value, nominal = entry.get("value"), entry.get("nominal")
+    if nominal is None:
+        return "was to be found"
+    if not _finite(value) or not _finite(nominal) or not nominal:
+        return ""
+    return f"{100 * (value - nominal) / abs(nominal):+.3g} %".replace("-", "\u2212")
+
+
+def _quantity(entry: Mapping[str, Any], believed: Any = None) -> dict[str, str]:
+    """Value, standard deviation and interval to the same digits, and the unit with the power of ten taken out."""
+    value, std = entry.get("value"), entry.get("std")
+    if not _finite(value):
+        return {
+            "value": number(value), "std": "", "interval": "", "believed": "", "unit": _unit(entry.get("unit") or "")
+        }  # fmt: skip
+    spread = abs(float(std)) if _finite(std) else 0.0
+    size = max(abs(value), spread)
+    power = math.floor(math.log10(size)) if size > 0 else 0
+    power = 0 if -3 <= power < 5 else 3 * (power // 3)
+    factor = 10.0**-power
+    finest = (
+        math.floor(math.log10(spread * factor))
+        if spread * factor > 0
+        else math.floor(math.log10(size * factor or 1)) - 2
+    )
+    digits = min(max(1 - finest, 0), 9)
+    low, high = entry.get("interval") or (value - SURE * spread, value + SURE * spread)
+
+    def written(figure: Any) -> str:
+        return f"{figure * factor:.{digits}f}".replace("-", "\u2212")
+
+    unit = _unit(entry.get("unit") or "")
+    return {
+        "value": written(value),
+        "std": written(spread) if spread > 0 else "",
+        "interval": f"{written(low)} to {written(high)}" if spread > 0 else "",
+        "believed": written(believed) if _finite(believed) else "",
+        "unit": f"10{_raised(power)} {unit}".strip() if power else unit,
+    }
+
+
+def _raised(power: int) -> str:
+    return str(power).translate(
+        str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+    )
+
+
+def _unit(unit: str) -> str:
+    """N*s/m as it is printed; a plain number has none."""
+    if unit == "1":
+        return ""
+    raised = re.sub(r"\^(-?\d+)", lambda found: _raised(int(found[1])), str(unit))
+    return raised.replace("*", "\u00b7")
+
+
+# the rest
+
+
+def _rest(rest: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What is left after all, where the record describes it."""
+    if not rest.get("summary"):
+        return None
+    shapes = [
+        (str(each["shape"]), f"{100 * each['share']:.2g} %")
+        for each in rest.get("shapes") or []
+        if _finite(each.get("share"))
+    ]
+    lines = [
+        (str(each["recording"]), number(each["frequency"]), f"{100 * each['share']:.2g} %")
+        for each in rest.get("lines") or []
+        if _finite(each.get("frequency")) and _finite(each.get("share"))
+    ]
+    return {"summary": rest["summary"], "shapes": shapes, "lines": lines}
+
+
+def _ahead(record: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What to measure next: as the record says, or else what would tell the equivalents apart."""
+    if record.get("next"):
+        return [str(each) for each in record["next"]]
+    found = []
+    for finding in findings:
+        ways = (finding.get("evidence") or {}).get("separate") or []
+        for other, way in zip(finding.get("equivalents") or [], ways, strict=False):
+            found.append(f"To tell {finding['mechanism']} from {other}: {way}.")
+    return found
+
+
+def _finite(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def number(value: Any, digits: int = 4, trim: bool = True) -> str:
+    """A number as it is read, without a trail of zeros unless they are to stay; a dash where there is none."""
+    if not _finite(value):
+        return "\u2013"
+    size = abs(value)
+    if size and not 1e-4 <= size < 1e6:
+        mantissa, power = f"{value:.{digits - 1}e}".split("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        return f"{mantissa}\u00b710{_raised(int(power))}".replace("-", "\u2212")
+    decimals = max(digits - 1 - (math.floor(math.log10(size)) if size else 0), 0)
+    text = f"{value:.{decimals}f}"
+    text = text.rstrip("0").rstrip(".") if trim and "." in text else text
+    return text.replace("-", "\u2212")
