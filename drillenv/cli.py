@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import drillenv
 from drillenv.checks import InputError, choice, count, shown
+from drillenv.corrected import effect_record, read_model
 from drillenv.files import check_writable
 from drillenv.rig import (
     AMPLITUDE_LIMITS,
@@ -30,6 +31,7 @@ from drillenv.rocks import ROCKS, STIFFNESS_LIMITS, Rock, rock
 
 if TYPE_CHECKING:
     from drillenv.atlas import Sweep
+    from drillenv.dynamics.effects import Chosen
     from drillenv.dynamics.motion import Motion
     from drillenv.dynamics.simulate import Run
 
@@ -155,6 +157,16 @@ def _add_rig(parser: Parser) -> None:
         group.add_argument(f"--{field.name.replace('_', '-')}", type=_number, metavar="X", help=note)
 
 
+def _add_model(parser: Parser) -> None:
+    group = parser.add_argument_group("model")
+    note = (
+        "a model.json of a diagnosis: constants of the rig (in place of the options for them), of the rock if it has "
+        "any (in place of those too), and effects, with which the general engine is taken; those on sensors are left "
+        "aside"
+    )
+    group.add_argument("--model", metavar="FILE", help=note)
+
+
 def _add_json(parser: Parser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON")
 
@@ -170,13 +182,14 @@ def _add_simulate(parser: Parser) -> None:
     parser.add_argument(
         "--phase", type=_number, default=0.0, metavar="RAD", help="of the excitation at the start, in rad"
     )
-    note = "exact: closed form (default); general: numerical integration"
+    note = "exact: closed form (default); general: numerical integration, always taken where a model has effects"
     parser.add_argument("--engine", default="exact", metavar="{exact,general}", help=note)
     parser.add_argument("--out", metavar="FILE.csv", help="where the samples go")
     _add_json(parser)
     _add_controls(parser)
     _add_rock(parser)
     _add_rig(parser)
+    _add_model(parser)
     parser.set_defaults(run=_simulate)
 
 
@@ -190,6 +203,7 @@ def _add_motion(parser: Parser) -> None:
     _add_controls(parser)
     _add_rock(parser)
     _add_rig(parser)
+    _add_model(parser)
     parser.set_defaults(run=_motion)
 
 
@@ -207,6 +221,7 @@ def _add_sweep(parser: Parser) -> None:
     _add_controls(parser, required=False)
     _add_rock(parser)
     _add_rig(parser)
+    _add_model(parser)
     parser.set_defaults(run=_sweep)
 
 
@@ -231,7 +246,7 @@ def _add_atlas(parser: Parser) -> None:
 
 def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("campaign", metavar="CAMPAIGN", help="folder that holds campaign.json")
-    note = "folder for report.json and model.json; made if it is not there"
+    note = "folder for report.html, report.json and model.json; made if it is not there"
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
     _add_json(parser)
     parser.set_defaults(run=_diagnose)
@@ -267,6 +282,33 @@ def _rig(given: argparse.Namespace) -> Rig:
     return Rig(**{name: value for name, value in constants.items() if value is not None})
 
 
+def _plant(given: argparse.Namespace) -> tuple[Rock, Rig, tuple[Chosen, ...]]:
+    """The rock, the rig, and the effects beyond the paper's model."""
+    if given.model is None:
+        return _rock(given), _rig(given), ()
+    if not given.model.strip() or "\0" in given.model:
+        raise InputError(f"--model is {shown(given.model)}: give the path of a model file")
+    model = read_model(given.model)
+    rig_options = _options_given(given, [field.name for field in dataclasses.fields(Rig)])
+    if rig_options:
+        raise InputError(f"--model and {rig_options} are both given: give one of them, the model says which rig")
+    rock_options = _options_given(given, ["rock", "loading_stiffness", "unloading_stiffness"])
+    if model.rock is not None and rock_options:
+        raise InputError(
+            f"{rock_options} and --model both say which rock: leave one out, or the stiffnesses out of the model"
+        )
+    effects = model.on_motion
+    if model.on_sensors:
+        names = ", ".join(chosen.effect.name for chosen in model.on_sensors)
+        _say(f"effects on sensors do not act on the motion, those of the model are left aside: {names}", 0)
+    return _rock(given) if model.rock is None else model.rock, model.rig, effects
+
+
+def _options_given(given: argparse.Namespace, names: Iterable[str]) -> str:
+    """Those of these options that were given, as one types them."""
+    return " and ".join(f"--{name.replace('_', '-')}" for name in names if getattr(given, name) is not None)
+
+
 def _progress() -> bool:
     """Whether somebody watches."""
     return sys.stderr.isatty()
@@ -278,16 +320,20 @@ def _progress() -> bool:
 def _simulate(given: argparse.Namespace) -> None:
     from drillenv.dynamics.simulate import simulate
 
-    setting, rock, rig = _setting(given), _rock(given), _rig(given)
+    setting = _setting(given)
     if given.out is not None:
         check_writable(given.out)
-    run = simulate(setting, rock, rig, given.seconds, given.sample_rate, given.start, given.phase, given.engine)
+    rock, rig, effects = _plant(given)
+    run = simulate(
+        setting, rock, rig, given.seconds, given.sample_rate, given.start, given.phase, given.engine, effects
+    )
     if given.out is not None:
         run.to_csv(given.out)
     if given.json:
-        _print_json(_run_summary(run, given))
+        _print_json(_run_summary(run, given, effects))
         return
-    print(f"{_place(setting, rock)}: {given.seconds:g} s from the {given.start} start, {run.time.size} samples")
+    place = _place(setting, rock, effects)
+    print(f"{place}: {given.seconds:g} s from the {given.start} start, {run.time.size} samples")
     print(f"penetration rate  {_millimetres(run.penetration_rate)}")
     print(f"impacts           {run.impacts.time.size}")
     print(f"peak force        {run.impacts.force.max(initial=0.0):.1f} N")
@@ -299,10 +345,10 @@ def _simulate(given: argparse.Namespace) -> None:
         print(f"wrote {given.out}")
 
 
-def _run_summary(run: Run, given: argparse.Namespace) -> dict[str, Any]:
+def _run_summary(run: Run, given: argparse.Namespace, effects: Sequence[Chosen]) -> dict[str, Any]:
     parts = ("work_in", "work_by_drive", "work_by_static", "lost_in_damper", "lost_in_rock", "stored_change")
     return {
-        **_where(run.setting, run.rock),
+        **_where(run.setting, run.rock, effects),
         "seconds": given.seconds,
         "sample_rate": given.sample_rate,
         "start": given.start,
@@ -321,21 +367,23 @@ def _run_summary(run: Run, given: argparse.Namespace) -> dict[str, Any]:
 def _motion(given: argparse.Namespace) -> None:
     from drillenv.dynamics.motion import motion, motions
 
-    setting, rock, rig = _setting(given), _rock(given), _rig(given)
+    setting = _setting(given)
+    if given.starts is None and given.seed is not None:
+        raise InputError("--seed is given without --starts, which it is for: give both or none")
+    rock, rig, effects = _plant(given)
+    where = _where(setting, rock, effects)
     if given.starts is None:
-        if given.seed is not None:
-            raise InputError("--seed is given without --starts, which it is for: give both or none")
-        found = [motion(setting, rock, rig)]
+        found = [motion(setting, rock, rig, effects=effects)]
     else:
         seed = count("seed", given.seed or 0, 0, 2**53)
-        found = motions(setting, rock, rig, starts=given.starts, seed=seed)
+        found = motions(setting, rock, rig, starts=given.starts, seed=seed, effects=effects)
     if given.json and given.starts is None:
-        _print_json(_where(setting, rock) | _motion_numbers(found[0]))
+        _print_json(where | _motion_numbers(found[0]))
     elif given.json:
         listed = [_motion_numbers(each) | {"share": each.share} for each in found]
-        _print_json(_where(setting, rock) | {"starts": given.starts, "seed": given.seed or 0, "motions": listed})
+        _print_json(where | {"starts": given.starts, "seed": given.seed or 0, "motions": listed})
     else:
-        print(_place(setting, rock))
+        print(_place(setting, rock, effects))
         for each in found:
             _print_motion(each, given.starts)
 
@@ -376,14 +424,18 @@ def _sweep(given: argparse.Namespace) -> None:
             check_writable(path)
     if given.out is not None:
         choice("the ending of --out", Path(given.out).suffix.lower(), (".png", ".pdf", ".svg"))
-    setting, rock, rig = _swept_setting(given, over), _rock(given), _rig(given)
-    result = sweep(setting, over, given.first, given.last, given.step, rock, rig, given.direction, _progress())
+    setting = _swept_setting(given, over)
+    rock, rig, effects = _plant(given)
+    values = (given.first, given.last, given.step)
+    result = sweep(setting, over, *values, rock, rig, given.direction, _progress(), effects=effects)
     if given.data is not None:
         result.to_csv(given.data)
     if given.out is not None:
         result.plot(given.out)
     if given.json:
-        _print_json(_where(setting, rock, without=over) | {"over": over, "points": list(_sweep_points(result))})
+        _print_json(
+            _where(setting, rock, effects, without=over) | {"over": over, "points": list(_sweep_points(result))}
+        )
         return
     for direction in result.directions:
         print(f"{direction}:")
@@ -493,7 +545,7 @@ def _diagnose(given: argparse.Namespace) -> None:
         _print_json(report.record)
         return
     print(report.text())
-    print(f"wrote report.json and model.json to {folder}")
+    print(f"wrote report.html, report.json and model.json to {folder}")
 
 
 def _paper(given: argparse.Namespace) -> None:
@@ -563,19 +615,21 @@ def _make_folder(folder: Path) -> list[Path]:
 # --- How it is printed
 
 
-def _place(setting: Setting, rock: Rock) -> str:
-    return f"{rock.name} at {setting.frequency:g} Hz, {setting.amplitude:g} V, {setting.pressure:g} bar"
+def _place(setting: Setting, rock: Rock, effects: Sequence[Chosen] = ()) -> str:
+    beyond = f" with {', '.join(chosen.effect.name for chosen in effects)}" if effects else ""
+    return f"{rock.name} at {setting.frequency:g} Hz, {setting.amplitude:g} V, {setting.pressure:g} bar{beyond}"
 
 
 def _millimetres(rate: float) -> str:
     return f"{1e3 * rate:.4f} mm/s"
 
 
-def _where(setting: Setting, rock: Rock, without: str = "") -> dict[str, Any]:
-    """The setting and the rock, for JSON."""
+def _where(setting: Setting, rock: Rock, effects: Sequence[Chosen] = (), without: str = "") -> dict[str, Any]:
+    """The setting, the rock, and the effects where there are any, for JSON."""
     controls = {name: getattr(setting, name) for name in CONTROLS if name != without}
     pair = {"name": rock.name, "loading_stiffness": rock.loading_stiffness}
-    return {"rock": pair | {"unloading_stiffness": rock.unloading_stiffness}, **controls}
+    beyond = {"effects": [effect_record(chosen) for chosen in effects]} if effects else {}
+    return {"rock": pair | {"unloading_stiffness": rock.unloading_stiffness}, **controls, **beyond}
 
 
 def _print_json(value: object) -> None:

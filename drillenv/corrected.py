@@ -41,6 +41,26 @@ class Corrected:
     """None where the model says nothing of the rock."""
     effects: tuple[Chosen, ...] = ()
 
+    @property
+    def on_motion(self) -> tuple[Chosen, ...]:
+        """The effects that act on the motion of the drilling rig.
+
+        Raises:
+            InputError: an effect that only a one-body rig knows.
+        """
+        for chosen in self.effects:
+            if not chosen.effect.moves_rig and chosen.effect.measure is None:
+                raise InputError(
+                    f"model has the effect {chosen.effect.name}, which is one of a one-body rig: "
+                    "give a model of the drilling rig"
+                )
+        return tuple(chosen for chosen in self.effects if chosen.effect.moves_rig)
+
+    @property
+    def on_sensors(self) -> tuple[Chosen, ...]:
+        """The effects that act on what a sensor reads, and not on the motion."""
+        return tuple(chosen for chosen in self.effects if chosen.effect.measure is not None)
+
 
 def read_model(path: str | Path) -> Corrected:
     """Read a model file.
@@ -118,17 +138,14 @@ def model_record(model: Corrected) -> dict[str, Any]:
     constants = asdict(model.rig)
     if model.rock is not None:
         constants |= {name: getattr(model.rock, name) for name in ROCK_CONSTANTS}
-    effects = [
-        {
-            "name": chosen.effect.name,
-            "parameters": {
-                parameter.symbol: value
-                for parameter, value in zip(chosen.effect.parameters, chosen.values, strict=True)
-            },
-        }
-        for chosen in model.effects
-    ]
+    effects = [effect_record(chosen) for chosen in model.effects]
     return {"format": FORMAT, "constants": constants, "effects": effects}
+
+
+def effect_record(chosen: Chosen) -> dict[str, Any]:
+    """An effect as it stands in a model file: its name, and its parameters by symbol."""
+    symbols = (parameter.symbol for parameter in chosen.effect.parameters)
+    return {"name": chosen.effect.name, "parameters": dict(zip(symbols, chosen.values, strict=True))}
 
 
 def write_model(path: str | Path, model: Corrected) -> None:

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from drillenv import cli
+from drillenv.dynamics.effects import make
 from drillenv.dynamics.motion import motion
 from drillenv.dynamics.simulate import simulate
-from drillenv.rig import Setting
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import ROCKS, Rock
 
 SETTING = ["--frequency", "120", "--amplitude", "0.45", "--pressure", "1.0"]
 SWEEP = ["sweep", "--over", "frequency", "--from", "110", "--to", "112", "--step", "1", *SETTING[2:]]
@@ -135,6 +137,95 @@ def test_motion_for_people(run):
     assert "mm/s" in printed
 
 
+# --- A corrected model
+
+MODEL = {
+    "format": "drillenv-model/1",
+    "constants": {"damping": 2790.0, "loading_stiffness": 21.9e6, "unloading_stiffness": 25.1e6},
+    "effects": [{"name": "contact-rate", "parameters": {"chi": 0.52}}],
+}
+OWN = Rock(21.9e6, 25.1e6)
+RATE = [make("contact-rate", chi=0.52)]
+
+
+def write_model(**changes):
+    with open("model.json", "w", encoding="utf-8") as file:
+        json.dump(MODEL | changes, file)
+
+
+def test_motion_of_a_model(run):
+    write_model()
+    told = as_json(run("motion", *SETTING, "--model", "model.json", "--json"))
+    wanted = motion(Setting(120.0, 0.45, 1.0), OWN, Rig(damping=2790.0), effects=RATE)
+    for name in ("label", "penetration_rate", "peak_force", "exponent"):
+        assert told[name] == getattr(wanted, name)
+    assert told["effects"] == MODEL["effects"]
+    assert told["rock"] == {"name": "corrected", "loading_stiffness": 21.9e6, "unloading_stiffness": 25.1e6}
+    assert "with contact-rate" in run("motion", *SETTING, "--model", "model.json")
+    many = as_json(run("motion", *SETTING, "--model", "model.json", "--starts", "2", "--json"))
+    assert many["motions"][0]["label"] == wanted.label
+
+
+def test_simulate_a_model(run):
+    write_model()
+    told = as_json(run("simulate", *SETTING, "--model", "model.json", "--seconds", "0.2", "--json"))
+    wanted = simulate(Setting(120.0, 0.45, 1.0), OWN, Rig(damping=2790.0), seconds=0.2, effects=RATE)
+    assert [each["force"] for each in told["impacts"]] == wanted.impacts.force.tolist()
+    assert told["effects"] == MODEL["effects"]
+
+
+def test_sweep_a_model(run):
+    write_model()
+    told = as_json(run(*SWEEP, "--direction", "up", "--model", "model.json", "--json"))
+    wanted = motion(Setting(112.0, 0.45, 1.0), OWN, Rig(damping=2790.0), effects=RATE)
+    assert told["points"][2]["label"] == wanted.label
+    assert told["points"][2]["peak_force"] == pytest.approx(wanted.peak_force, rel=1e-8)
+
+
+def test_model_without_a_rock_takes_one(run):
+    write_model(constants={"damping": 2790.0}, effects=[])
+    told = as_json(run("motion", *SETTING, "--model", "model.json", "--rock", "2", "--json"))
+    assert told["peak_force"] == motion(Setting(120.0, 0.45, 1.0), 2, Rig(damping=2790.0)).peak_force
+    assert "effects" not in told
+    assert as_json(run("motion", *SETTING, "--model", "model.json", "--json"))["rock"]["name"] == ROCKS[4].name
+
+
+def test_effects_on_sensors_are_left_aside_aloud(capsys):
+    sensors = [{"name": name, "parameters": {}} for name in ("sensor-offset", "mains-hum")]
+    write_model(effects=[sensors[0], *MODEL["effects"], sensors[1]])
+    for command in (["motion", *SETTING], ["simulate", *SETTING, "--seconds", "0.02"], [*SWEEP, "--direction", "up"]):
+        assert cli.main([*command, "--model", "model.json", "--json"]) == 0
+        printed = capsys.readouterr()
+        assert as_json(printed.out)["effects"] == MODEL["effects"]
+        assert len(printed.err.splitlines()) == 1
+        assert "sensor-offset, mains-hum" in printed.err
+
+
+MODEL_ALONE = [["motion", *SETTING], ["simulate", *SETTING, "--seconds", "0.01"], [*SWEEP, "--json"]]
+CONTRADICTIONS = {
+    "rock": (["--rock", "4"], {}, "which rock"),
+    "stiffnesses": (["--loading-stiffness", "2e7", "--unloading-stiffness", "3e7"], {}, "which rock"),
+    "one stiffness": (["--unloading-stiffness", "3e7"], {}, "which rock"),
+    "damping": (["--damping", "2450"], {}, "--damping"),
+    "a constant the model leaves out": (["--shaker-mass", "200"], {}, "--shaker-mass"),
+    "unknown effect": ([], {"effects": [{"name": "gravity", "parameters": {}}]}, "gravity"),
+    "one-body effect": ([], {"effects": [{"name": "dry-friction", "parameters": {"fc": 5.0}}]}, "one-body"),
+    "effect twice": ([], {"effects": MODEL["effects"] * 2}, "twice"),
+    "another format": ([], {"format": "drillenv-report/1"}, "format"),
+}
+
+
+@pytest.mark.parametrize("command", MODEL_ALONE, ids=lambda command: command[0])
+@pytest.mark.parametrize(("options", "changes", "said"), CONTRADICTIONS.values(), ids=CONTRADICTIONS)
+def test_model_that_cannot_be_taken(command, options, changes, said, capsys):
+    write_model(**changes)
+    assert cli.main([*command, "--model", "model.json", *options]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert said in printed.err
+
+
 # --- sweep, atlas, paper
 
 
@@ -235,6 +326,13 @@ BAD = [
     ["motion", *SETTING, "--rock", "4", "--loading-stiffness", "2e7", "--unloading-stiffness", "3e7"],
     ["motion", *SETTING, "--damping", "2.45"],
     ["motion", *SETTING, "--shaker-mass", "nan"],
+    ["motion", *SETTING, "--model", "missing.json"],
+    ["motion", *SETTING, "--model", "."],
+    ["motion", *SETTING, "--model", ""],
+    ["motion", *SETTING, "--model", "x\0y"],
+    [*SWEEP, "--json", "--model", "missing.json"],
+    [*GOOD_SIMULATE, "--model", "missing.json"],
+    ["atlas", "--out", "atlas.nc", "--model", "model.json"],
     ["motion", *SETTING, "--starts", "0"],
     ["motion", *SETTING, "--starts", "2.5"],
     ["motion", *SETTING, "--starts", "8", "--seed", "-1"],

@@ -9,7 +9,7 @@ import pytest
 import drillenv
 from drillenv.checks import InputError
 
-HEAVY = ("numba", "scipy", "torch", "matplotlib", "xarray", "h5netcdf", "tqdm", "ray", "pandas")
+HEAVY = ("numba", "scipy", "torch", "matplotlib", "xarray", "h5netcdf", "tqdm", "ray", "pandas", "plotly", "jinja2")
 
 
 def fresh(code, folder):

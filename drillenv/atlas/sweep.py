@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -21,6 +21,8 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, choice, count, number
+from drillenv.dynamics import motion_general
+from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import (
     COSINE,
     LOG_SIZE,
@@ -202,6 +204,8 @@ class Sweep:
     setting: Setting
     rock: Rock
     rig: Rig
+    effects: tuple[Chosen, ...] = ()
+    """Those beyond the paper's model."""
 
     def points(self, direction: str) -> np.ndarray:
         """(n,) the points of the sweep "up" or "down".
@@ -221,9 +225,10 @@ class Sweep:
         return labels(self.points(direction))
 
     def motion(self, index: int, direction: str) -> Motion:
-        """The motion at ``values[index]``."""
+        """The motion at ``values[index]``; with effects, its four largest multipliers, and no ``state``."""
         setting, rock = place_at(self.setting, self.rock, self.over, float(self.values[index]))
-        return motion_of(self.points(direction)[index], setting, rock, self.rig)
+        found = motion_of(self.points(direction)[index], setting, rock, self.rig)
+        return replace(found, effects=self.effects)
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -292,6 +297,7 @@ def sweep(
     direction: str = "both",
     progress: bool = False,
     *,
+    effects: Iterable[Chosen] = (),
     wait: int = WAIT,
     patience: int = PATIENCE,
 ) -> Sweep:
@@ -310,27 +316,31 @@ def sweep(
         rig: By default that of Table 2.1.
         direction: "up", "down" or "both".
         progress: Whether to show a progress bar.
-        wait, patience: As for :func:`drillenv.dynamics.motion.motion`, at each value.
+        effects, wait, patience: As for :func:`drillenv.dynamics.motion.motion`, at each value. With effects a point
+            takes about 0.1 s, and one without a period some 3 s. A rock that compacts does so at the first value.
 
     Raises:
-        InputError: an argument of the wrong kind or outside its limits, or a rig and rock that the exact engine cannot
-            take.
+        InputError: an argument of the wrong kind or outside its limits, a rig and rock that the exact engine cannot
+            take, or effects that do not act on the motion, are given twice, or let it grow without bound.
     """
     setting, chosen, rig = checked_place(setting, rock, rig)
+    beyond = motion_general.effects_meant(effects)
     over = choice("over", over, tuple(CONTROLS))
     values = _values(over, start, stop, step)
     wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
     wanted = DIRECTIONS if choice("direction", direction, (*DIRECTIONS, "both")) == "both" else (direction,)
     with _bar(progress, len(values) * len(wanted)) as move, ThreadPoolExecutor(len(wanted)) as pool:
-        tasks = {
-            name: pool.submit(
-                _run, setting, chosen, rig, over, values[:: 1 if name == "up" else -1], wait, patience, move
+        tasks = {}
+        for name in wanted:
+            ordered = values[:: 1 if name == "up" else -1]
+            tasks[name] = (
+                pool.submit(_run_with, setting, chosen, rig, beyond, over, ordered, wait, patience, move)
+                if beyond
+                else pool.submit(_run, setting, chosen, rig, over, ordered, wait, patience, move)
             )
-            for name in wanted
-        }
         found = {name: task.result() for name, task in tasks.items()}
     down = found.get("down")
-    return Sweep(over, values, found.get("up"), None if down is None else down[::-1], setting, chosen, rig)
+    return Sweep(over, values, found.get("up"), None if down is None else down[::-1], setting, chosen, rig, beyond)
 
 
 def place_at(setting: Setting, rock: Rock, over: str, value: float) -> tuple[Setting, Rock]:
@@ -404,6 +414,48 @@ def _run(
     points["peaks"] = np.isfinite(peaks[:, 0]).sum(axis=1)
     points["peak_forces"], points["peak_accelerations"] = peaks[:, 0], peaks[:, 1]
     return points
+
+
+def _run_with(
+    setting: Setting,
+    rock: Rock,
+    rig: Rig,
+    effects: tuple[Chosen, ...],
+    over: str,
+    values: np.ndarray,
+    wait: int,
+    patience: int,
+    move: Callable[[int], object],
+) -> np.ndarray:
+    """As :func:`_run`, with effects."""
+    points = np.zeros(len(values), SWEEP_POINT)
+    place = None
+    for point, value in zip(points, values.tolist(), strict=True):
+        section = motion_general.Section(*place_at(setting, rock, over, value), rig, effects)
+        found = motion_general.settle_on(section, place or section.fresh(), wait, patience)
+        place = found.place
+        point["value"] = value
+        for name in SURVEY.names or ():
+            point[name] = _field(found, name)
+        forces, decelerations = motion_general.peaks(section, found, MOST_PEAKS)
+        point["peaks"] = forces.size
+        point["peak_forces"], point["peak_accelerations"] = _padded(forces), _padded(decelerations)
+        move(1)
+    return points
+
+
+def _field(found: motion_general.Settled, name: str) -> Any:
+    """What SURVEY calls so."""
+    if name == "point":
+        return found.place.z[:4]
+    if name == "regime":
+        return found.place.regime
+    return found.multipliers[:4] if name == "multipliers" else getattr(found, name)
+
+
+def _padded(values: np.ndarray) -> np.ndarray:
+    """(MOST_PEAKS,) values, NaN behind them."""
+    return np.concatenate([values, np.full(MOST_PEAKS - values.size, np.nan)])
 
 
 @contextmanager
@@ -543,4 +595,4 @@ def _title(result: Sweep) -> str:
         "pressure": f"{result.setting.pressure:g} bar",
     }
     controls.pop(result.over, None)
-    return ", ".join([result.rock.name, *controls.values()])
+    return ", ".join([result.rock.name, *controls.values(), *(f"with {each.effect.name}" for each in result.effects)])

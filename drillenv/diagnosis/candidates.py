@@ -79,7 +79,7 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
     ),
     "sensor-offset": (({}, ({"o_f": 1.0}, {"o_a": 1.0})),),
     "force-limit": (({}, ({"F_max": 400.0},)), ({}, ({"F_max": 300.0},))),
-    "backlash": tuple(({"y0": y0}, ({"g": 1e-4},)) for y0 in (0.0015, 0.0025, 0.0035)),
+    "backlash": tuple(({"y0": y0}, ({"g": 2e-4},)) for y0 in (-2e-4, -1e-4, -5e-5, 0.0, 1e-4)),
 }
 
 
@@ -121,8 +121,9 @@ WIDTHS = {"f_m": 0.02}
 """Units in which parameters are counted, where a fifth of the usual size is too much for half a second."""
 LOOSELY = {"vs1": 0.04, "vs2": 0.04, "e": 0.04}
 """Weights of a prior about the first guess for what the data may say nothing of."""
-LEAST = {"vs1": 1e-4, "vs2": 1e-4}
-"""Lower bounds above the registry's: a sharper corner than this is one for the fit, too."""
+LEAST = {"vs1": 1e-4, "vs2": 1e-4, "tau": 0.02}
+"""Lower bounds above the registry's: a sharper corner than this is one for the fit, too, and a supply faster than this
+is a damper."""
 
 
 def usual(mechanism: str, symbol: str) -> tuple[float, float]:
@@ -155,4 +156,7 @@ def own_parameters(mechanism: str, data: Conditioned, strengths: np.ndarray | No
         found.append(
             Parameter(f"{mechanism} N0 {data.name}", start, 2 * each_second, 0.25, low, 1e4, recording=data.name)
         )
+    if mechanism == "air-spring" and not data.fresh:
+        # a piston that has long been advancing has lost the force at which the supply keeps up with it
+        found.append(Parameter(f"{mechanism} s0 {data.name}", 40.0, 20.0, 0.25, recording=data.name))
     return found

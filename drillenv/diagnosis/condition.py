@@ -164,6 +164,16 @@ def spring_from_force(
     return driven[0] + weights @ free[0], driven[1] + weights @ free[1]
 
 
+def flight_level(force: np.ndarray, noise: float) -> float:
+    """What the load cell shows off the rock in N, 0 where that is within a standard deviation of the noise.
+
+    Flights are the lowest part of the force: the median of what lies within noise of its twentieth part.
+    """
+    low = force[force < np.percentile(force, 5.0) + 4.0 * noise]
+    level = float(np.median(low))
+    return level if abs(level) > noise else 0.0
+
+
 def contacts(force: np.ndarray, noise: float) -> np.ndarray:
     """(m, 2) first sample on the rock and first sample off it again, for each contact that the force shows."""
     on = force > TOUCH * noise
@@ -193,13 +203,19 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
     angle = phase + omega * np.arange(force.size) / rate
     noise = max(white_noise(force), 1e-6), max(white_noise(acceleration), 1e-6)
     y, closing = spring_from_force(rig, setting, force, acceleration, angle, rate)
-    touches = contacts(force, noise[0])
+    # whatever the load cell says in flight is its zero
+    resting = force - flight_level(force, noise[0])
+    touches = contacts(resting, noise[0])
     if len(touches) < 3:
         raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")
     fresh = recording.starts == "fresh"
     starts = window_starts(touches, force.size, 2 * math.pi / omega * rate, fresh)
+    if len(starts) < 4:
+        raise InputError(
+            f"{recording.name}: {len(starts) - 1} stretches begin off the rock: record for longer, with less pressure"
+        )
     states = np.array(
-        [_state_at(int(s), touches, force, acceleration, rate, y, closing, noise[0]) for s in starts[:-1]]
+        [_state_at(int(s), touches, resting, acceleration, rate, y, closing, noise[0]) for s in starts[:-1]]
     )
     states[:, 0] *= rig.stiffness
     if fresh:

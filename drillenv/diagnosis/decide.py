@@ -13,9 +13,9 @@ from scipy.stats import chi2
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import FREED, SCANNED, own_parameters, parameter, usual
 from drillenv.diagnosis.condition import Conditioned, condition, white_noise
-from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
+from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
-from drillenv.diagnosis.shooting import Physics, residual, settle_states, window_costs
+from drillenv.diagnosis.shooting import Physics, Prediction, predict, residual, settle_states, window_costs
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
@@ -36,8 +36,10 @@ CLEAR = 0.6
 """A rival whose first look gains less than this share of one that left nothing but noise is not fitted for good."""
 LOOSE, SCANNING = (Stage(1e4, 4, 4),), (Stage(1e4, 6, 6),)
 """How a mechanism is fitted first, each window on its own: as a first look says, and from a scan."""
-SCAN_ON, SCAN_ROUNDS, SCAN_BEST = 2, 4, 2
+SCAN_ON, SCAN_ROUNDS, SCAN_BEST = 2, 3, 1
 """A scan compares strengths on so many recordings, with so many rounds for the states, and fits the best ones."""
+FAR = 30.0
+"""Sum of squares over samples above which it is not a mount that is missing: the scan would take long for nothing."""
 FALSE_ALARMS = 1e-4
 """Chance that one candidate gains as much where nothing is missing."""
 SLACK = 8.0
@@ -102,6 +104,8 @@ class Outcome:
     """Sum of squares over samples of what the lab believed: on the recordings fitted and on those held out."""
     after: float | None
     """That of the fitted model on those held out."""
+    pairs: list[tuple[Prediction, Prediction]]
+    """What was believed and what was found, of the recordings fitted and then of those held out."""
     lines: list[tuple[str, str, float, float]] = field(default_factory=list)
     """(recording, channel, Hz, power over its mean) left over."""
 
@@ -285,22 +289,43 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         left, lines = per_sample(final), lines_left(fit_data, final)
         say("the recordings held out")
         nominal = plain_hypothesis.held_at(np.array([each.value for each in plain_hypothesis.constants]))
-        before = per_sample(replay([each.thinned(THIN) for each in fit_data], nominal, workers))
+        before, pairs = _believed(fit_data, nominal, final.predictions, workers)
         before_held = after = None
         if held_data:
             held_model = final.hypothesis.held_at(final.values)
-            shown = replay(held_data, held_model, workers)
-            quiet = quieted(held_data, shown)
+            laid = replay(held_data, held_model, workers)
+            quiet = quieted(held_data, laid)
             if quiet is not held_data:
-                held_data, shown = quiet, replay(quiet, held_model, workers)
-            after = per_sample(shown)
-            before_held = per_sample(replay([each.thinned(THIN) for each in held_data], nominal, workers))
-        verdict = _verdict(final, steps, left, per_sample(plain), lines)
+                held_data, laid = quiet, replay(quiet, held_model, workers)
+            after = per_sample(laid)
+            before_held, more = _believed(held_data, nominal, laid.predictions, workers)
+            pairs += more
         return Outcome(
-            verdict, plain, final, steps, rejected, fit_data, held_data, left, (before, before_held), after, lines
+            _verdict(final, steps, left, per_sample(plain), lines),
+            plain,
+            final,
+            steps,
+            rejected,
+            fit_data,
+            held_data,
+            left,
+            (before, before_held),
+            after,
+            pairs,
+            lines,
         )
     finally:
         workers.close()
+
+
+def _believed(
+    recordings: Sequence[Conditioned], nominal: Hypothesis, found: Sequence[Prediction], workers: Workers
+) -> tuple[float, list[tuple[Prediction, Prediction]]]:
+    """Sum of squares over samples of what the lab believed, and its predictions beside those of what was found."""
+    laid = replay([each.thinned(THIN) for each in recordings], nominal, workers)
+    physics = nominal.physics(np.zeros(0))
+    believed = workers.each(lambda data, states: predict(data, states, physics), recordings, laid.states)
+    return per_sample(laid), list(zip(believed, found, strict=True))
 
 
 def _held_out(data: Sequence[Conditioned]) -> list[int]:
@@ -338,7 +363,9 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
     if not rivals:
         return None, passed
     rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:RIVALS]
-    start = now if close else loosely
+    # what acts on the shaker shows only where windows join
+    hidden = not close and per_sample(loosely) <= FLOOR
+    start = now if close or hidden else loosely
     tried: list[Tried] = []
     for score in rivals:
         mechanism = score.variant.mechanism
@@ -347,13 +374,16 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
             continue
         say(f"trying {mechanism} (gain {score.gain:.0f} at first look)")
         hypothesis, values = extended(start, score, thin)
-        stages = NEARBY if close and REGISTRY[mechanism].grips is None else LOOSE
+        stages = LOOSE
+        if REGISTRY[mechanism].grips is None and (close or hidden):
+            stages = NEARBY if close else JOINED
+        states = loosely.states if stages is LOOSE else start.states
         try:
-            tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers))
+            tried.append(_try(thin, mechanism, hypothesis, values, states, stages, workers))
         except (InputError, np.linalg.LinAlgError) as error:
             passed.append((mechanism, score.gain, f"cannot be followed: {error}"))
         tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
-    if not tried or per_sample(tried[0].fitted) > FLOOR:
+    if not beside and per_sample(now) < FAR and (not tried or per_sample(tried[0].fitted) > FLOOR):
         tried += _scan(thin, now, loosely, workers, say)
         tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
     if not tried:
@@ -386,7 +416,7 @@ def _try(thin, mechanism: str, hypothesis: Hypothesis, values, states, stages, w
         LinAlgError: the data say nothing of it.
     """
     free = fit(thin, hypothesis, workers, values, states, stages)
-    return Tried(mechanism, free, free if stages is NEARBY else _tightened(thin, free, workers))
+    return Tried(mechanism, free, _tightened(thin, free, workers) if stages[-1].settle else free)
 
 
 def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say) -> list[Tried]:
@@ -398,7 +428,7 @@ def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say
         say(f"scanning {mechanism}")
         costs = []
         for place in places:
-            hypothesis, values = placed_at(now.hypothesis, mechanism, place)
+            hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
             try:
                 physics = [hypothesis.physics(values, data.name) for data in thin[few]]
                 costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
@@ -406,7 +436,7 @@ def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say
                 costs.append(math.inf)
         for k in np.argsort(costs)[:SCAN_BEST]:
             try:
-                hypothesis, values = placed_at(now.hypothesis, mechanism, places[k])
+                hypothesis, values = placed_at(now.hypothesis, mechanism, places[k], thin)
                 found.append(_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers))
             except (InputError, np.linalg.LinAlgError):
                 continue
@@ -421,9 +451,12 @@ def _settled_cost(data: Conditioned, states: np.ndarray, physics: Physics) -> fl
     return float(window_costs(data, states, data.states, made).sum())
 
 
-def placed_at(hypothesis: Hypothesis, mechanism: str, place: Mapping[str, float]) -> tuple[Hypothesis, np.ndarray]:
+def placed_at(
+    hypothesis: Hypothesis, mechanism: str, place: Mapping[str, float], recordings: Sequence[Conditioned]
+) -> tuple[Hypothesis, np.ndarray]:
     """A hypothesis with one mechanism more at given strengths, and values to start from."""
-    free = tuple(parameter(mechanism, symbol, value) for symbol, value in place.items())
+    own = tuple(each for data in recordings for each in own_parameters(mechanism, data))
+    free = tuple(parameter(mechanism, symbol, value) for symbol, value in place.items()) + own
     extended = hypothesis._replace(effects=(*hypothesis.effects, (mechanism, (), free)))
     return extended, np.array([each.value for each in extended.parameters])
 

@@ -41,6 +41,8 @@ CONSTANTS = (
     "loading_stiffness",
     "unloading_stiffness",
 )
+BEGUN = ("N0", "s0")
+"""Symbols for the first extra state of an effect as a recording of a running rig begins."""
 STEP = 0.02
 """Standard deviations by which a constant is moved for its derivative."""
 CONVERGED = 0.3
@@ -113,17 +115,17 @@ class Hypothesis(NamedTuple):
         made = with_constants(self.base, names, list(values[: len(names)]))
         at = len(names)
         chosen: list[Chosen] = []
-        before = made.impacts_before
+        begun = list(made.begun)
         for name, held, free in self.effects:
             symbols = dict(held)
             for each in free:
                 if each.recording in ("", recording):
                     symbols[each.symbol] = float(values[at])
                 at += 1
-            before = symbols.pop("N0", before)
+            begun += [(name, symbols.pop(symbol)) for symbol in BEGUN if symbol in symbols]
             chosen.append(make(name, **polar(symbols)))
         motion, sensors = split_effects(chosen)
-        return made._replace(motion=(*made.motion, *motion), sensors=(*made.sensors, *sensors), impacts_before=before)
+        return made._replace(motion=(*made.motion, *motion), sensors=(*made.sensors, *sensors), begun=tuple(begun))
 
     def held_at(self, values: np.ndarray) -> Hypothesis:
         """The same at fixed values, but for what is each recording's own; that starts anew."""

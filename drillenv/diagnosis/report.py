@@ -6,16 +6,18 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from drillenv.checks import InputError, shown
-from drillenv.corrected import Corrected, write_model
+from drillenv.corrected import Corrected, model_record
 from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill
 from drillenv.diagnosis.fit import Fit
+from drillenv.diagnosis.one_body import diagnose_body
+from drillenv.diagnosis.page import Trace, Wave, page
 from drillenv.diagnosis.separate import separation
 from drillenv.diagnosis.shooting import residual
 from drillenv.dynamics.effects import REGISTRY
@@ -40,10 +42,14 @@ UNITS = {
 class Report:
     """What a diagnosis says."""
 
+    title: str
+    """Of the campaign."""
     record: Mapping[str, Any]
-    """As ``report.json``: verdict, where, findings, parameters, fit, rejected, quality."""
-    model: Corrected
+    """As ``report.json``: verdict, where, findings, parameters, fit, rejected, quality and more."""
+    model: Mapping[str, Any]
     """The corrected model, as ``model.json``."""
+    waves: tuple[Wave, ...]
+    """Measured and simulated channels, for ``report.html``."""
 
     @property
     def verdict(self) -> str:
@@ -54,8 +60,12 @@ class Report:
         """For a terminal."""
         return _text(self.record)
 
+    def html(self) -> str:
+        """For a browser: one page that needs nothing else."""
+        return page(self.title, self.record, self.waves)
+
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write report.json and model.json into a folder, which is made where there is none.
+        """Write report.json, report.html and model.json into a folder, which is made where there is none.
 
         Raises:
             InputError: it cannot be written.
@@ -65,38 +75,44 @@ class Report:
             place.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot make the folder {shown(str(folder))}: {error.strerror}; give another") from None
-        with whole(place / "report.json") as part:
-            part.write_text(json.dumps(self.record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        write_model(place / "model.json", self.model)
+        texts = {
+            "report.json": json.dumps(self.record, indent=1, allow_nan=False) + "\n",
+            "model.json": json.dumps(self.model, indent=2, allow_nan=False) + "\n",
+            "report.html": self.html(),
+        }
+        for name, text in texts.items():
+            with whole(place / name) as part:
+                part.write_text(text, encoding="utf-8")
 
 
 def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], object] | None = None) -> Report:
-    """Find out where and why the recordings of a drilling rig differ from the simulation.
+    """Find out where and why the recordings of a rig differ from its model.
 
     Args:
         campaign: A campaign, or the folder of one.
         note: Told what is being done.
 
     Raises:
-        InputError: the campaign cannot be read, is not of a drilling rig, or holds too little that can be used.
+        InputError: the campaign cannot be read, or holds too little that can be used.
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    if campaign.rig != "percussive-drill":
-        raise InputError(f"campaign {shown(campaign.title)} is of the rig {campaign.rig}: give one of percussive-drill")
     faults = check_quality(campaign)
+    if campaign.rig == "one-body":
+        body = diagnose_body(campaign, faults, note)
+        return Report(campaign.title, body.record, body.model, body.waves)
     bad = {each.recording for each in faults if each.severity in ("exclude recording", "exclude channel")}
     kept = tuple(each for each in campaign.recordings if each.name not in bad)
     if len(kept) < 3:
         reasons = "; ".join(str(each) for each in faults[:3])
         raise InputError(f"{len(kept)} recordings can be used, give at least three sound ones ({reasons})")
     if len(kept) < len(campaign.recordings):
-        campaign = Campaign(campaign.title, campaign.rig, campaign.nominal, kept, campaign.folder, campaign.source)
+        campaign = replace(campaign, recordings=kept)
     outcome = diagnose_drill(campaign, note)
-    return _report(outcome, faults)
+    return _report(campaign.title, outcome, faults)
 
 
-def _report(outcome: Outcome, faults: tuple[QualityFinding, ...]) -> Report:
+def _report(title: str, outcome: Outcome, faults: tuple[QualityFinding, ...]) -> Report:
     final = outcome.final
     physics = final.hypothesis.physics(final.values)
     explained = outcome.verdict != "unexplained"
@@ -116,7 +132,23 @@ def _report(outcome: Outcome, faults: tuple[QualityFinding, ...]) -> Report:
         "cells": cells,
     }
     model = Corrected(physics.rig, physics.rock, (*physics.motion, *physics.sensors)) if explained else Corrected()
-    return Report(record, model)
+    return Report(title, record, model_record(model), _waves(outcome))
+
+
+def _waves(outcome: Outcome) -> tuple[Wave, ...]:
+    """Force and acceleration of every recording, with what was believed and what was found."""
+    made = []
+    recordings = (*outcome.fit_data, *outcome.held_data)
+    for i, (data, (before, after)) in enumerate(zip(recordings, outcome.pairs, strict=True)):
+        # nothing is simulated outside the windows
+        inside = slice(int(data.starts[0]), int(data.starts[-1]))
+        time = np.arange(data.force.size)[inside] / data.rate
+        traces = tuple(
+            Trace(channel, unit, *(getattr(each, channel)[inside] for each in (data, before, after)))
+            for channel, unit in (("force", "N"), ("acceleration", "m/s^2"))
+        )
+        made.append(Wave(data.name, i >= len(outcome.fit_data), time, traces))
+    return tuple(made)
 
 
 def _next(outcome: Outcome) -> list[str]:
@@ -290,8 +322,9 @@ def _text(record: Mapping[str, Any]) -> str:
             lines.append(f"  these recordings cannot tell it from: {', '.join(finding['equivalents'])}")
     for name, entry in record["parameters"].items():
         found = f"{entry['value']:.6g} +- {entry['std']:.2g} {entry['unit']}"
-        lines.append(f"constant: {name} = {found}, believed {entry['nominal']:g}")
-    lines += record["next"]
+        believed = entry["nominal"]
+        lines.append(f"constant: {name} = {found}" + ("" if believed is None else f", believed {believed:g}"))
+    lines += record.get("next", [])
     held = record["fit"]["held_out"]
     if held["recordings"]:
         lines.append(

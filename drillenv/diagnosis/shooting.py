@@ -10,7 +10,7 @@ left-out recordings and thousands of bootstrap samples cost next to nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -52,8 +52,9 @@ class Physics(NamedTuple):
     """Effects that act on the motion."""
     sensors: tuple[Chosen, ...] = ()
     """Effects that misreport channels."""
-    impacts_before: float | None = None
-    """Impacts that a running rig had made on its face before the recording; None for those of a second."""
+    begun: tuple[tuple[str, float], ...] = ()
+    """(effect, its first extra state) as a recording of a running rig begins: impacts made on the face, force that the
+    cylinder has lost."""
 
 
 class Prediction(NamedTuple):
@@ -81,6 +82,8 @@ class Motion(NamedTuple):
     acceleration: np.ndarray
     ends: np.ndarray
     """(windows, 4) k y, v1, v2, w at the end of each window."""
+    extras: np.ndarray
+    """(windows, own) extra states of the effects at the beginning of each window."""
 
 
 def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float = RTOL) -> Prediction:
@@ -106,8 +109,17 @@ def _between_samples(chosen: Chosen) -> bool:
     return chosen.effect.needs_fine and (chosen.effect.name != "channel-delay" or any(chosen.values[1:]))
 
 
-def move(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float = RTOL) -> Motion:
+def move(
+    data: Conditioned,
+    states: np.ndarray,
+    physics: Physics,
+    fine: int,
+    rtol: float = RTOL,
+    extras: np.ndarray | None = None,
+) -> Motion:
     """The motion that :func:`predict` hands to the sensors.
+
+    ``extras`` gives each window its own extra states to begin with, instead of those that the one before ended with.
 
     Raises:
         InputError: the motion could not be followed.
@@ -117,10 +129,13 @@ def move(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rto
         states[0] = physics.rig.static_force(data.setting), 0.0, 0.0, 0.0
     states[:, 0] /= physics.rig.stiffness
     states[:, 3] = np.minimum(states[:, 3], 0.0)
-    run = _with_effects if physics.motion else _plain
-    force, acceleration, ends = run(data, states, physics, fine, rtol)
+    begun = np.zeros((len(states), 0))
+    if physics.motion:
+        force, acceleration, ends, begun = _with_effects(data, states, physics, fine, rtol, extras)
+    else:
+        force, acceleration, ends = _plain(data, states, physics, fine)
     ends[:, 0] *= physics.rig.stiffness
-    return Motion(fine, force, acceleration, ends)
+    return Motion(fine, force, acceleration, ends, begun)
 
 
 def drive_phase(data: Conditioned, physics: Physics) -> float:
@@ -138,23 +153,25 @@ def _lead(data: Conditioned, physics: Physics) -> float:
     return lead if data.fresh and 0.0 < lead * data.rate * data.thin < MOST_LEAD else 0.0
 
 
-def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float):
-    """Force, acceleration and ends by the general engine."""
+def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float, extras):
+    """Force, acceleration, ends and extra states at the beginnings by the general engine."""
     setting, rate = data.setting, data.rate * fine
     model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
     model = model._replace(omega=data.omega)
     z = np.zeros(model.tally + 4 + len(physics.motion))
-    z[OWN : model.tally] = extra_start(
-        physics.motion, 0.0 if data.fresh else physics.impacts_before or setting.frequency
-    )
+    z[OWN : model.tally] = extra_start(physics.motion, {} if data.fresh else dict(physics.begun))
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
+    begun = np.empty((len(states), model.tally - OWN))
     columns = 8 + model.tally - OWN
     starts, phase, lead = data.starts * fine, drive_phase(data, physics), _lead(data, physics)
     nothing = np.zeros((0, columns))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
         z[[Y, V1, V2, W]] = states[k]
+        if extras is not None:
+            z[OWN : model.tally] = extras[k]
+        begun[k] = z[OWN : model.tally]
         samples = np.zeros((after - first, columns))
         theta, regime = math.fmod(phase + data.omega * first / rate, 2 * math.pi), FREE
         if k == 0 and lead > 0.0:
@@ -165,10 +182,10 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
             raise InputError(f"{data.name}: the motion could not be followed from {first / rate:.4f} s")
         force[first:after], acceleration[first:after] = samples[:, 5], samples[:, 4]
         ends[k] = z[[Y, V1, V2, W]]
-    return force, acceleration, ends
+    return force, acceleration, ends, begun
 
 
-def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float):
+def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int):
     """Force, acceleration and ends of the paper's model, by the exact engine."""
     model = make_model(physics.rig, physics.rock, data.setting)
     set_drive(data.omega, physics.rig.drive_force(data.setting), physics.rig.static_force(data.setting), model)
@@ -204,13 +221,17 @@ def sensed(data: Conditioned, motion: Motion, physics: Physics) -> Prediction:
     return Prediction(excitation[keep], force[keep], acceleration[keep], motion.ends)
 
 
-def extra_start(effects: Sequence[Chosen], impacts_before: float) -> list[float]:
+def extra_start(effects: Sequence[Chosen], begun: Mapping[str, float]) -> list[float]:
     """Extra states at the beginning of a recording, in the order in which the engine holds them.
 
-    All are 0 but the impacts that the rig has made on its face.
+    All are 0 but the first of the effects that ``begun`` names.
     """
     ordered = sorted(effects, key=lambda each: each.effect.comes_last)
-    return [impacts_before if extra.symbol.startswith("N") else 0.0 for each in ordered for extra in each.effect.extras]
+    return [
+        begun.get(each.effect.name, 0.0) if i == 0 else 0.0
+        for each in ordered
+        for i, _extra in enumerate(each.effect.extras)
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,7 +278,10 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
     fine = fineness(data, physics.sensors)
     channels, ends = np.empty((4, 2, data.force.size)), np.empty((4, len(states), 4))
     after = np.zeros_like(channels) if fine > 1 else None
-    still = move(data, states, physics, fine) if fine > 1 else None
+    remembers = any(each.effect.extras for each in physics.motion)
+    still = move(data, states, physics, fine) if fine > 1 or remembers else None
+    # what an effect remembers would carry the steps of all windows into those after them
+    extras = still.extras if still is not None and remembers else None
     inside = np.zeros(data.force.size, dtype=np.int64)
     for k, first in enumerate(data.starts[:-1].tolist()):
         inside[first:] = k % 2
@@ -266,7 +290,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
         # away from the rock, so that a window never begins inside it
         step = -STATE_STEPS[j] if j == 3 else STATE_STEPS[j]
         moved[:, j] += step
-        motion = move(data, moved, physics, fine)
+        motion = move(data, moved, physics, fine, extras=extras)
         ends[j] = (motion.ends - base.ends) / step
         if still is None or after is None:
             channels[j] = _change(data, sensed(data, motion, physics), base, step)
@@ -279,6 +303,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
                 np.where(mask, motion.force, still.force),
                 np.where(mask, motion.acceleration, still.acceleration),
                 motion.ends,
+                motion.extras,
             )
             change = _change(data, sensed(data, mixed, physics), base, step)
             own = inside == turn

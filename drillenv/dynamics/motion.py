@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drillenv.checks import InputError, count, number, shown
+from drillenv.dynamics import motion_general
+from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import STATE_SIZE, fresh_state
 from drillenv.dynamics.flow import FREE, LOADING, STIFFNESS, UNLOADING, make_model
+from drillenv.dynamics.general import Start
 from drillenv.dynamics.orbits import MOTION_SIZE, map_point, put_on_section, section_distance
-from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, settle_on, survey
+from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, random_starts, settle_on, survey
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 from drillenv.rocks import rock as rock_meant
@@ -45,7 +49,8 @@ class Motion:
     impact_speed: float
     """The largest speed in m/s at which a contact begins; 0 where none does."""
     multipliers: np.ndarray
-    """(4,) complex Floquet multipliers, the largest modulus first; NaN without a period."""
+    """(4,) complex Floquet multipliers, the largest modulus first; NaN without a period. One more for each state that
+    effects add and that can recur."""
     stable: bool
     """Whether all multipliers lie inside the unit circle."""
     exponent: float
@@ -60,6 +65,10 @@ class Motion:
     rig: Rig
     share: float = 1.0
     """The share of starts that settled on this motion, where many were tried."""
+    effects: tuple[Chosen, ...] = ()
+    """Those beyond the paper's model."""
+    state: Start | None = None
+    """With effects all of the state at ``point``, what they add included; w as ``regime`` counts it."""
 
 
 def motion(
@@ -68,6 +77,7 @@ def motion(
     rig: Rig | None = None,
     start: Motion | np.ndarray | None = None,
     *,
+    effects: Iterable[Chosen] = (),
     wait: int = WAIT,
     patience: int = PATIENCE,
 ) -> Motion:
@@ -79,21 +89,34 @@ def motion(
     flows between switches: the rock force is continuous at each switch, so a switch adds at most the change of
     coordinate from Xp to Xf.
 
+    With effects the same is done on the general engine, a hundred times slower: the derivative is then made of central
+    differences of the map, so that multipliers carry about five digits, and the exponent of what has no period comes
+    from two runs side by side. Where the rock compacts, the motion is that on the compacted rock. An air spring is
+    given five times its ``tau`` to come to rest, but no longer than eight times the patience: with a ``tau`` of
+    minutes, what is found may be a motion on the way.
+
     Args:
         setting: Frequency, amplitude and pressure.
         rock: Case of Table 2.2, name, or Rock.
         rig: By default that of Table 2.1.
         start: Where to start: None for the rig at rest against untouched rock; a Motion, to go on from where it
             crosses the phase 0; or (4,) y in m, V1 and V2 in m/s, and the indenter's place in m from Xf, at phase 0.
+            The states that effects add go on from a Motion with the same effects, and start from 0 otherwise.
+        effects: From :func:`drillenv.dynamics.effects.make`. Without any, the engine is the exact one.
         wait: Excitation periods to run before the first look, 1 to 1e6.
         patience: Excitation periods after which what has no orbit yet counts as not periodic, 1 to 1e8; eight times
             as many where the exponent is then too weak to tell.
 
     Raises:
-        InputError: an argument of the wrong kind or outside its limits, or a rig and rock that the exact engine cannot
-            take.
+        InputError: an argument of the wrong kind or outside its limits, a rig and rock that the exact engine cannot
+            take, or effects that do not act on the motion, are given twice, or let it grow without bound.
     """
     setting, chosen, rig = checked_place(setting, rock, rig)
+    beyond = motion_general.effects_meant(effects)
+    wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
+    if beyond:
+        section = motion_general.Section(setting, chosen, rig, beyond)
+        return _settled_motion(section, motion_general.settle_on(section, _place(section, start), wait, patience))
     model = make_model(rig, chosen, setting)
     state = np.zeros(STATE_SIZE)
     if start is None:
@@ -101,7 +124,6 @@ def motion(
     else:
         put_on_section(*_start_point(start), state)
     out, tangent = np.zeros((1, MOTION_SIZE)), np.zeros((1, 4, 4))
-    wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
     settle_on(model, state, wait, patience, out[0], tangent[0])
     return motion_of(as_survey(out, tangent, np.array([2 * math.pi * setting.frequency]))[0], setting, chosen, rig)
 
@@ -113,6 +135,7 @@ def motions(
     starts: int = 64,
     seed: int = 0,
     *,
+    effects: Iterable[Chosen] = (),
     wait: int = WAIT,
     patience: int = PATIENCE,
 ) -> list[Motion]:
@@ -123,14 +146,17 @@ def motions(
     ones count as one, and so do aperiodic ones.
 
     Args:
-        setting, rock, rig, wait, patience: As for :func:`motion`.
+        setting, rock, rig, effects, wait, patience: As for :func:`motion`. What effects add starts from 0.
         starts: Number of starts, 1 to 10000.
         seed: Of the random starts.
 
     Raises:
-        InputError: as for :func:`motion`.
+        InputError: as for :func:`motion`; a rig and rock that the exact engine cannot take also with effects.
     """
     setting, chosen, rig = checked_place(setting, rock, rig)
+    beyond = motion_general.effects_meant(effects)
+    if beyond:
+        return _motions_with(motion_general.Section(setting, chosen, rig, beyond), starts, seed, wait, patience)
     place = [[setting.frequency, setting.amplitude, setting.pressure]]
     found = survey(place, chosen, rig, starts, seed=seed, wait=wait, patience=patience)[0]
     model = make_model(rig, chosen, setting)
@@ -144,7 +170,41 @@ def motions(
             members.append(1)
         else:
             members[same] += 1
-    shared = [replace(kind, share=n / len(found)) for kind, n in zip(kinds, members, strict=True)]
+    return _by_share(kinds, members)
+
+
+def _motions_with(section: motion_general.Section, starts: int, seed: int, wait: int, patience: int) -> list[Motion]:
+    """As :func:`motions`, with effects."""
+    units = random_starts(count("starts", starts, 1, 10_000), count("seed", seed, 0, 2**63))
+    wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
+    kinds: list[motion_general.Settled] = []
+    members: list[int] = []
+    for number_of_start, unit in enumerate(units):
+        place = section.random(unit) if number_of_start else section.fresh()
+        each = motion_general.settle_on(section, place, wait, patience)
+        same = next((i for i, other in enumerate(kinds) if _same_settled(section, each, other)), None)
+        if same is None:
+            kinds.append(each)
+            members.append(1)
+        else:
+            members[same] += 1
+    return _by_share([_settled_motion(section, kind) for kind in kinds], members)
+
+
+def _same_settled(
+    section: motion_general.Section, first: motion_general.Settled, second: motion_general.Settled
+) -> bool:
+    """As :func:`same_motion`, with effects."""
+    names = [label(each.period, each.impacts, each.exponent) for each in (first, second)]
+    if names[0] != names[1] or not first.period:
+        return names[0] == names[1]
+    return motion_general.same_orbit(section, first, second)
+
+
+def _by_share(kinds: list[Motion], members: list[int]) -> list[Motion]:
+    """Motions with their share of the starts, the largest first."""
+    total = sum(members)
+    shared = [replace(kind, share=n / total) for kind, n in zip(kinds, members, strict=True)]
     return sorted(shared, key=lambda kind: -kind.share)
 
 
@@ -168,6 +228,40 @@ def motion_of(row: np.void, setting: Setting, rock: Rock, rig: Rig) -> Motion:
         rock=rock,
         rig=rig,
     )
+
+
+def _settled_motion(section: motion_general.Section, found: motion_general.Settled) -> Motion:
+    """What was found with effects as a Motion."""
+    return Motion(
+        label=label(found.period, found.impacts, found.exponent),
+        period=found.period,
+        impacts=found.impacts,
+        contacts=found.contacts,
+        penetration_rate=found.penetration_rate,
+        peak_force=found.peak_force,
+        impact_speed=found.impact_speed,
+        multipliers=found.multipliers,
+        stable=found.stable,
+        exponent=found.exponent,
+        point=found.place.z[:4].copy(),
+        regime=found.place.regime,
+        setting=section.setting,
+        rock=section.rock,
+        rig=section.rig,
+        effects=section.effects,
+        state=section.start(found.place),
+    )
+
+
+def _place(section: motion_general.Section, start: Motion | np.ndarray | None) -> motion_general.Place:
+    """Where a start stands on a section with effects."""
+    if start is None:
+        return section.fresh()
+    if isinstance(start, Motion):
+        if start.state is not None and start.effects == section.effects:
+            return section.going_on(start.state)
+        return section.at(*point_from_xf(start).tolist())
+    return section.at(*_start_point(start)[0].tolist())
 
 
 def same_motion(model: np.ndarray, first: Motion, second: Motion) -> bool:

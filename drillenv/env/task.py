@@ -48,14 +48,17 @@ class Task:
             N/m: the one rock of every episode. None draws them.
         scenario: A frozen set of episodes ("train", "validation", "test", "beyond") or a file of one. None draws
             new ones.
-        model: A file of corrected constants and effects (see :mod:`drillenv.corrected`).
+        model: A file of corrected constants and effects (see :mod:`drillenv.corrected`). Effects on sensors are left
+            aside: the readings of an environment come from sensors of its own (``noise``), and the motion and the
+            reward know nothing of sensors.
         reward: A record of weights (see :class:`drillenv.env.reward.Reward`).
         actions: "absolute" or "increment".
         observations: "readings" or "window".
         noise: Factor on the noise of the sensors.
 
     Raises:
-        InputError: an argument is none of these, or two of them contradict each other.
+        InputError: an argument is none of these, two of them contradict each other, or the model has an effect that
+            only a one-body rig knows.
     """
 
     def __init__(
@@ -83,12 +86,7 @@ class Task:
             self.scenario = read_scenario(scenario)
             if not self.scenario.episodes[self.kind]:
                 raise InputError(f"scenario {shown(scenario)} has no episodes of the kind {self.kind}: take another")
-        for chosen in self.corrected.effects:
-            if not chosen.effect.moves_rig:
-                raise InputError(
-                    f"model has the effect {chosen.effect.name}, which does not act on the motion of the drilling rig: "
-                    "leave it out of a model for an environment"
-                )
+        moving = self.corrected.on_motion
         self.reward: Reward = read_reward(reward)
         self.increment = choice("actions", actions, ACTIONS) == "increment"
         self.window = choice("observations", observations, OBSERVATIONS) == "window"
@@ -98,7 +96,7 @@ class Task:
             chosen.effect.name: dict(
                 zip((parameter.symbol for parameter in chosen.effect.parameters), chosen.values, strict=True)
             )
-            for chosen in self.corrected.effects
+            for chosen in moving
         }
 
     @property

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from drillenv.atlas import Sweep, sweep
+from drillenv.atlas.sweep import MOST_PEAKS
 from drillenv.checks import InputError
+from drillenv.dynamics.effects import make
 from drillenv.dynamics.exact import (
     REGIME,
     STATE_SIZE,
@@ -203,3 +205,57 @@ def test_bad_input_is_said_in_one_line(arguments, says):
     with pytest.raises(InputError, match=says) as error:
         sweep(**given)
     assert "\n" not in str(error.value)
+
+
+# --- With effects
+
+
+def test_neutral_effects_sweep_the_same():
+    """Labels, numbers and peaks of both engines over a change from two impacts to one."""
+    setting = Setting(120.0, 0.35, 1.0)
+    exact, general = (
+        sweep(setting, "amplitude", 0.30, 0.36, 0.02, 2, effects=effects) for effects in ((), [make("contact-rate")])
+    )
+    assert set(exact.labels("up")) == {"P-1-I-1", "P-1-I-2"}
+    for direction in ("up", "down"):
+        one, other = exact.points(direction), general.points(direction)
+        assert exact.labels(direction).tolist() == general.labels(direction).tolist()
+        for name in ("penetration_rate", "peak_force", "impact_speed", "peak_forces"):
+            np.testing.assert_allclose(other[name], one[name], rtol=1e-8, err_msg=name)
+        for name in ("value", "period", "impacts", "contacts", "stable", "peaks"):
+            np.testing.assert_array_equal(other[name], one[name], err_msg=name)
+        # samples and a parabola against the closed form
+        np.testing.assert_allclose(other["peak_accelerations"], one["peak_accelerations"], rtol=1e-5)
+        np.testing.assert_allclose(np.abs(other["multipliers"]), np.abs(one["multipliers"]), atol=1e-5)
+
+
+def test_sweep_with_an_effect_follows_single_motions(tmp_path):
+    effects = (make("air-spring", k_a=5e4, tau=0.2),)
+    result = sweep(Setting(120.0, 0.45, 1.0), "pressure", 0.9, 1.1, 0.1, direction="down", effects=effects)
+    assert result.effects == effects
+    for i, pressure in enumerate(result.values):
+        single = motion(Setting(120.0, 0.45, float(pressure)), effects=effects)
+        found = result.motion(i, "down")
+        assert (found.label, found.effects) == (single.label, effects)
+        assert found.peak_force == pytest.approx(single.peak_force, rel=1e-8)
+        assert found.multipliers.shape == (4,)
+    result.to_csv(tmp_path / "sweep.csv")
+    result.plot(tmp_path / "sweep.png")
+    with open(tmp_path / "sweep.csv", encoding="utf-8") as file:
+        assert [row["label"] for row in csv.DictReader(file)] == result.labels("down").tolist()
+
+
+@pytest.mark.slow
+def test_chaos_with_an_effect_keeps_its_peaks():
+    result = sweep(Setting(100.0, 0.45, 1.0), "frequency", 105.0, 105.5, 0.5, effects=[make("contact-rate")])
+    point = result.points("up")[0]
+    assert str(result.labels("up")[0]) == "chaotic"
+    assert point["peaks"] == MOST_PEAKS
+    assert point["peak_forces"].max() <= point["peak_force"] * 1.01
+    assert (point["peak_accelerations"] > 0.0).all()
+
+
+def test_sweep_refuses_what_is_no_effect():
+    for effects in ([make("sensor-offset")], ["contact-rate"], 3):
+        with pytest.raises(InputError, match="effect"):
+            sweep(CENTRE, "frequency", 50.0, 51.0, 0.5, effects=effects)

@@ -21,8 +21,8 @@ EFFECT = Effect(
     source=(
         "C. A. Coulomb, Theorie des machines simples (1785); J. P. Den Hartog, Forced vibrations with combined viscous "
         "and Coulomb damping, Philosophical Magazine, series 7, 9 (1930) 801-817; S. Andersson, A. Soderberg, "
-        "S. Bjorklund, Friction models for sliding dry, boundary and mixed lubricated contacts, Tribology International "
-        "40 (2007) 580-587"
+        "S. Bjorklund, Friction models for sliding dry, boundary and mixed lubricated contacts, Tribology "
+        "International 40 (2007) 580-587"
     ),
     parameters=(
         Parameter("fc2", "friction force on the indenter", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),

@@ -1,0 +1,492 @@
+"""What the rig settles on with effects beyond the paper's model: the search of orbits.py, on the general engine.
+
+As there, the rig runs and is looked at once an excitation period; a near return is polished by Newton's method, and
+taken if the orbit is stable and the run closes in on it. There is no closed form to differentiate, so that the
+derivative of the return map is made of central differences: multipliers carry about five digits.
+
+A point of the section is y, v1, v2 and w, then the displacement of the rock's face where a mount lets it move, and the
+extra states of the effects, each over a scale of its own. States that cannot recur are left out of it:
+
+- the way in which dry friction lets a mass slide, which follows from its speed;
+- counts, which only grow. While the rock compacts no motion recurs. The rig is run until the count has done its work,
+  and is then put at the end of it: what is found is the motion on the compacted rock.
+
+States that recur but come to rest slowly, as the pressure of an air spring, are given the time they say they need.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from drillenv.checks import InputError, shown
+from drillenv.dynamics.effects import Chosen
+from drillenv.dynamics.exact import TURN
+from drillenv.dynamics.flow import FREE, LOADING, UNLOADING, make_model
+from drillenv.dynamics.general import Start, first_state, model_for, start_at
+from drillenv.dynamics.general_equations import FACE, FIRST, OWN, V1, V2, Model, U, W, Y, law_depth, law_force
+from drillenv.dynamics.general_runs import DONE, SAMPLE_COLUMNS, STEPS_TOO_SHORT, integrate
+from drillenv.dynamics.general_steps import make_scratch
+from drillenv.dynamics.orbits import KICK, LONGEST_PERIOD
+from drillenv.dynamics.survey import LINGERING, MORE_PATIENCE, place_start
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import Rock
+
+RTOL = 1e-12
+"""Relative error of a step. What is left of it after a period is some 1e-10 of the section's scales."""
+CLOSED = 1e-9
+"""An orbit is found where it comes back to within this much of the scales,"""
+NEARLY_CLOSED = 1e-7
+"""or to within this much and no nearer: what rounding leaves over many periods."""
+SAME_ORBIT = 1e-6
+"""Two points closer than this are of one orbit."""
+DELTA = 1e-5
+"""Step of the differences, in scales: rounding then costs some 1e-5 of a multiplier, the bend of the map less."""
+APART = 1e-6
+"""How far apart the two runs start, in scales, whose parting gives the exponent."""
+EXPONENT_PERIODS = 1000
+COUNTS = {"rock-compaction": "soft_n"}
+"""Effects whose first extra state counts, and the parameter that says over how many it acts."""
+COUNTED = 10.0
+"""So many times that number leave less than 5e-5 of what the count acts on."""
+ENDLESS = 1e11
+"""A count at which nothing is left of what it acts on, and far below what a Start takes."""
+SLOW = {"air-spring": "tau"}
+"""Effects whose extra states come to rest slowly, and the parameter that says how slowly, in s."""
+RESTED = 5.0
+"""So many times as long a start runs, before it is looked at."""
+PEAK_RTOL = 1e-9
+"""For runs that are sampled: the samples are then read off a polynomial through each step."""
+PEAK_SPACING = 0.02
+"""Time between such samples over that in which the indenter turns by 1 rad on the rock while unloading."""
+
+# Columns of switches, impacts and samples of general_runs.py.
+_TIME, _BEFORE, _AFTER = 0, 1, 2
+_FORCE, _SPEED = 1, 2
+_ACCELERATION, _PENETRATION = 4, 6
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def depth_counted(model: Model, regime: int, z: np.ndarray, wanted: int) -> float:
+    """Depth in m at which a regime of contact resists as the present one does: w counted from Xp instead of Xf."""
+    return law_depth(model, wanted, law_force(model, regime, z[W], z), z)
+
+
+class Place(NamedTuple):
+    """The rig at phase 0 of the excitation."""
+
+    z: np.ndarray
+    """The state of the general engine, energies included."""
+    regime: int
+
+
+class Settled(NamedTuple):
+    """What the rig settled on; the fields mean what they do in :class:`drillenv.dynamics.motion.Motion`."""
+
+    period: int
+    impacts: float
+    contacts: float
+    penetration_rate: float
+    peak_force: float
+    impact_speed: float
+    exponent: float
+    multipliers: np.ndarray
+    """(4 + further states,) complex, the largest modulus first; NaN without a period."""
+    place: Place
+
+    @property
+    def stable(self) -> bool:
+        """Whether all multipliers lie inside the unit circle."""
+        return self.period > 0 and bool(np.abs(self.multipliers).max() < 1.0)
+
+
+class Passage(NamedTuple):
+    """What happens in so many excitation periods, whichever phase they are counted from."""
+
+    impacts: int
+    contacts: int
+    peak_force: float
+    impact_speed: float
+
+
+class Section:
+    """The rig with effects at a setting, looked at once an excitation period.
+
+    Args:
+        setting, rock, rig: As for :func:`drillenv.dynamics.motion.motion`.
+        effects: What acts on the motion.
+
+    Raises:
+        InputError: an effect that does not act on the motion or is given twice.
+    """
+
+    def __init__(self, setting: Setting, rock: Rock, rig: Rig, effects: tuple[Chosen, ...]):
+        self.setting, self.rock, self.rig, self.effects = setting, rock, rig, effects
+        self.model, self.order = model_for(rig, setting, rock, effects)
+        self.duration = TURN / self.model.omega
+        length = self.model.drive / (self.model.m2 * self.model.omega**2)
+        speed = length * self.model.omega
+        columns, scales = [Y, V1, V2, W], [length, speed, speed, length]
+        self.counts: list[tuple[int, float]] = []
+        """Where a count stands in the state, and how far it has to come."""
+        self.rest = 0.0
+        """Time in s that the slowest extra state needs."""
+        for row, index in zip(self.model.effects, self.order, strict=True):
+            chosen, at = effects[index], int(row[FIRST])
+            effect = chosen.effect
+            # without strength an extra state stands still or fades unseen, and would only look like a multiplier
+            if not effect.extras or chosen.values[0] == effect.parameters[0].neutral or effect.grips is not None:
+                continue
+            named = {part.symbol: value for part, value in zip(effect.parameters, chosen.values, strict=True)}
+            if effect.name in COUNTS:
+                self.counts.append((at, COUNTED * named[COUNTS[effect.name]]))
+                continue
+            if effect.name in SLOW:
+                self.rest = max(self.rest, RESTED * named[SLOW[effect.name]])
+            if row[FACE]:
+                columns.append(U)
+                scales.append(length)
+            columns += range(at, at + len(effect.extras))
+            scales += [speed if row[FACE] and i == 0 else extra.size for i, extra in enumerate(effect.extras)]
+        self.columns, self.scales = np.array(columns), np.array(scales)
+        self.scratch = make_scratch(self.model.tally + 4 + len(effects), len(effects))
+
+    # --- Places
+
+    def fresh(self) -> Place:
+        """The rig at rest against untouched rock."""
+        return Place(*first_state(self.model, None, self.effects, self.order))
+
+    def at(self, y: float, v1: float, v2: float, w: float) -> Place:
+        """The rig at a point of the section, w from Xf; what effects add stands at 0."""
+        z = self.fresh().z
+        z[:OWN] = y, v1, v2, w, 0.0
+        return self._entered(z, UNLOADING)
+
+    def going_on(self, start: Start) -> Place:
+        """The rig where another run ended at phase 0.
+
+        Raises:
+            InputError: a start that does not fit its regime or these effects.
+        """
+        return Place(*first_state(self.model, start, self.effects, self.order))
+
+    def start(self, place: Place) -> Start:
+        """What to go on from elsewhere."""
+        return start_at(self.model, place.z, place.regime, self.effects, self.order)
+
+    def random(self, unit: np.ndarray) -> Place:
+        """A start of :func:`drillenv.dynamics.survey.place_start`, effects at rest.
+
+        Raises:
+            InputError: a rig and rock that the exact engine cannot take.
+        """
+        state = np.zeros(11)
+        place_start(make_model(self.rig, self.rock, self.setting), unit, state)
+        return self.at(*state[:4].tolist())
+
+    def _entered(self, z: np.ndarray, counted: int) -> Place:
+        """The regime that a state calls for, whose w, if above 0, is as ``counted`` counts it."""
+        if z[W] <= 0.0:
+            return Place(z, FREE)
+        into = z[V2] - sum(z[row[FIRST]] for row in self.model.effects if row[FACE])
+        counted = UNLOADING if counted == FREE else counted
+        wanted = counted if into == 0.0 else (LOADING if into > 0.0 else UNLOADING)
+        if wanted != counted:
+            z[W] = depth_counted(self.model, counted, z, wanted)
+        return Place(z, wanted)
+
+    def point(self, place: Place, counted: int) -> np.ndarray:
+        """(d,) a place over the scales, w as the regime ``counted`` counts it where both are in contact."""
+        values = place.z[self.columns]
+        if place.z[W] > 0.0 and counted not in (place.regime, FREE) and place.regime != FREE:
+            values[3] = depth_counted(self.model, place.regime, place.z, counted)
+        return values / self.scales
+
+    def moved(self, place: Place, point: np.ndarray) -> Place:
+        """The place at another point, which counts w as this place's regime does."""
+        z = place.z.copy()
+        z[self.columns] = point * self.scales
+        return self._entered(z, place.regime)
+
+    # --- Runs
+
+    def run(self, place: Place, seconds: float, rate: float, samples: np.ndarray, rtol: float):
+        """Run from a place, which stays as it is. Returns the state reached, impacts and switches."""
+        z = place.z.copy()
+        z[self.model.tally :] = 0.0
+        status, reached, regime, _origin, _carry, _phase, impacts, switches, _tried, _rejected = integrate(
+            self.model, 0.0, z, place.regime, seconds, rate, samples, rtol, self.scratch
+        )
+        if status != DONE:
+            why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
+            raise InputError(f"the motion {why} at {reached:g} s: make the effects weaker")
+        return Place(z, int(regime)), impacts, switches
+
+    def samples(self, count: int) -> np.ndarray:
+        """Room for so many samples."""
+        return np.zeros((count, SAMPLE_COLUMNS + self.model.tally - OWN))
+
+    def after(self, place: Place, periods: int) -> Place:
+        """The place so many excitation periods on."""
+        return self.run(place, periods * self.duration, 1.0, self.samples(0), RTOL)[0]
+
+    def counted_out(self, place: Place, patience: int) -> Place:
+        """Run until what is counted has done its work, at most ``patience`` periods, and let the counts be endless."""
+        if all(place.z[at] >= goal for at, goal in self.counts):
+            return place
+        done, step = 0, min(LONGEST_PERIOD, patience)
+        while done < patience and any(place.z[at] < goal for at, goal in self.counts):
+            place = self.after(place, step)
+            done += step
+        for at, _goal in self.counts:
+            # the contact going on keeps the count that it began with, so the force does not jump
+            place.z[at] = ENDLESS
+        return self.after(place, LONGEST_PERIOD)
+
+    def returned(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
+        """The image of a point, both counted as at ``place``."""
+        return self.point(self.after(self.moved(place, point), periods), place.regime)
+
+    def tangent(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
+        """(d, d) derivative of the return map by central differences."""
+        columns = []
+        for step in DELTA * np.eye(point.size):
+            ahead, behind = (self.returned(place, point + way * step, periods) for way in (1.0, -1.0))
+            columns.append((ahead - behind) / (2.0 * DELTA))
+        return np.stack(columns, axis=1)
+
+
+def settle_on(section: Section, place: Place, wait: int, patience: int) -> Settled:
+    """What the rig settles on from a place, as :func:`drillenv.dynamics.survey.settle_on` finds it without effects.
+
+    Raises:
+        InputError: effects under which the motion cannot be followed.
+    """
+    longest = MORE_PATIENCE * patience
+    place = section.counted_out(place, patience)
+    place = section.after(place, min(math.ceil(section.rest / section.duration), longest))
+    found = _find(section, place, wait, patience)
+    if found.period == 0 and found.exponent * section.duration < LINGERING:
+        found = _find(section, found.place, wait, longest)
+    return found
+
+
+def _find(section: Section, place: Place, wait: int, patience: int) -> Settled:
+    """As ``find_motion`` of orbits.py."""
+    done, target = 0, wait
+    while done < patience:
+        first = section.after(place, target)
+        place, track = first, [section.point(first, first.regime)]
+        for _ in range(LONGEST_PERIOD):
+            place = section.after(place, 1)
+            track.append(section.point(place, first.regime))
+        done += target + LONGEST_PERIOD
+        found, kick = _closed(section, first, track)
+        if found is not None:
+            return found
+        if kick:
+            place.z[Y] += KICK * section.scales[0]
+        target = done
+    return _without_period(section, place)
+
+
+def _closed(section: Section, first: Place, track: list[np.ndarray]) -> tuple[Settled | None, bool]:
+    """The orbit that a track closes in on, if any, and whether it lingers on one that is not stable."""
+    nearest, tried, lingers = np.inf, 0, False
+    for n in range(1, LONGEST_PERIOD + 1):
+        near = _apart(track[n], track[0])
+        # a return worth trying: near, and clearly nearer than any shorter one
+        if not near < 0.1 or not near < 0.2 * nearest or tried == 4:
+            continue
+        nearest, tried = near, tried + 1
+        orbit = _orbit(section, first, track[0], n)
+        if orbit is None:
+            continue
+        off = _apart(orbit, track[0])
+        values = np.linalg.eigvals(section.tangent(first, orbit, n))
+        largest = np.abs(values).max()
+        later = LONGEST_PERIOD - LONGEST_PERIOD % n
+        # a multiplier of 1 is that of a mass that dry friction, or play, lets rest anywhere
+        if largest < 1.0 + DELTA and off < NEARLY_CLOSED:
+            return _described(section, first, orbit, n, values), False
+        if largest < 1.0:
+            if off < 0.2 and _apart(orbit, track[later]) < off:
+                return _described(section, first, orbit, n, values), False
+        elif off < KICK:
+            # the run lingers on an orbit that has lost its stability, as on a sweep past a period doubling
+            lingers = True
+    return None, lingers
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(a - b).max())
+
+
+def _orbit(section: Section, place: Place, point: np.ndarray, n: int) -> np.ndarray | None:
+    """Newton's method on the n-fold return map; None where it finds nothing."""
+    previous = np.inf
+    try:
+        for _ in range(20):
+            image = section.returned(place, point, n)
+            miss = _apart(image, point)
+            if miss < CLOSED or (miss < NEARLY_CLOSED and miss >= 0.5 * previous):
+                return point
+            if not miss < 1e3:
+                return None
+            previous = miss
+            step = np.linalg.solve(np.eye(point.size) - section.tangent(place, point, n), image - point)
+            # a step far beyond the motion's own size says that there is no orbit near
+            point = point + step * min(1.0, 1.0 / float(np.abs(step).max()))
+    except (InputError, np.linalg.LinAlgError):
+        pass  # it went where the rig cannot be followed, or nowhere
+    return None
+
+
+def _described(section: Section, first: Place, orbit: np.ndarray, n: int, values: np.ndarray) -> Settled:
+    """Go around an orbit that closes after n periods, or already after a part of them."""
+    for shorter in range(1, n):
+        if n % shorter == 0 and _apart(section.returned(first, orbit, shorter), orbit) < SAME_ORBIT:
+            n, values = shorter, np.linalg.eigvals(section.tangent(first, orbit, shorter))
+            break
+    place = section.moved(first, orbit)
+    passage, advance = _around(section, place, n)
+    order = np.lexsort((-np.imag(values), -np.round(np.abs(values), 12)))
+    duration = n * section.duration
+    with np.errstate(divide="ignore"):
+        exponent = float(np.log(np.abs(values[order[0]]))) / duration
+    multipliers = values[order].astype(complex)
+    return Settled(n, *passage[:2], advance / duration, *passage[2:], exponent, multipliers, place)
+
+
+def _around(section: Section, place: Place, n: int) -> tuple[Passage, float]:
+    """What happens on an orbit of n periods, and the penetration in m."""
+    # a round first, then a round and a period, in which to find a time far from all switches to count from
+    rows = section.samples(3)
+    seconds = (2 * n + 1) * section.duration
+    _end, impacts, switches = section.run(place, seconds, 1.0 / (n * section.duration), rows, RTOL)
+    begin = _quiet(switches[:, _TIME], n * section.duration, section.duration)
+    passage = _passage(impacts, switches, begin, begin + n * section.duration)
+    return passage, float(rows[2, _PENETRATION] - rows[1, _PENETRATION])
+
+
+def _quiet(times: np.ndarray, begin: float, duration: float) -> float:
+    """The middle of the longest stretch without a switch in ``duration`` s from ``begin``, which repeats."""
+    inside = times[(times >= begin) & (times < begin + duration)]
+    if not inside.size:
+        return begin + 0.5 * duration
+    edges = np.concatenate([inside, [inside[0] + duration]])
+    longest = int(np.argmax(np.diff(edges)))
+    middle = 0.5 * (edges[longest] + edges[longest + 1])
+    return float(middle if middle < begin + duration else middle - duration)
+
+
+def _passage(impacts: np.ndarray, switches: np.ndarray, begin: float, end: float) -> Passage:
+    """What happens between two times in s."""
+    hits = impacts[(impacts[:, _TIME] > begin) & (impacts[:, _TIME] <= end)]
+    landings = switches[(switches[:, _BEFORE] == FREE) & (switches[:, _TIME] > begin) & (switches[:, _TIME] <= end)]
+    # an impact has the speed of its contact; one that began before the run counts with 0
+    return Passage(len(hits), len(landings), *(float(hits[:, at].max(initial=0.0)) for at in (_FORCE, _SPEED)))
+
+
+def _without_period(section: Section, place: Place) -> Settled:
+    """Means, extremes and the exponent of a motion that does not close."""
+    seconds, rows = EXPONENT_PERIODS * section.duration, section.samples(2)
+    _end, impacts, switches = section.run(place, seconds, 1.0 / seconds, rows, RTOL)
+    passage = _passage(impacts, switches, 0.0, seconds)
+    exponent, end = _exponent(section, place)
+    multipliers = np.full(section.scales.size, np.nan + 0j)
+    advance = float(rows[1, _PENETRATION] - rows[0, _PENETRATION])
+    means = (passage.impacts / EXPONENT_PERIODS, passage.contacts / EXPONENT_PERIODS)
+    return Settled(0, *means, advance / seconds, *passage[2:], exponent, multipliers, end)
+
+
+def _exponent(section: Section, place: Place) -> tuple[float, Place]:
+    """Largest Lyapunov exponent in 1/s, and where the run ends.
+
+    From two runs side by side, brought back to the same small distance after each excitation period (G. Benettin et
+    al., Meccanica 15 (1980) 9-20).
+    """
+    away = np.ones(section.scales.size) / np.sqrt(section.scales.size)
+    total = 0.0
+    for _ in range(EXPONENT_PERIODS):
+        point = section.point(place, place.regime)
+        other = section.after(section.moved(place, point + APART * away), 1)
+        place = section.after(place, 1)
+        away = section.point(other, place.regime) - section.point(place, place.regime)
+        size = float(np.linalg.norm(away))
+        if size == 0.0:  # dry friction can bring two runs together
+            return -np.inf, place
+        total += np.log(size / APART)
+        away /= size
+    return total / (EXPONENT_PERIODS * section.duration), place
+
+
+def same_orbit(section: Section, first: Settled, second: Settled) -> bool:
+    """Whether two orbits of one period meet, whichever crossing each shows."""
+    target, place = section.point(first.place, UNLOADING), second.place
+    for _ in range(first.period):
+        if _apart(section.point(place, UNLOADING), target) < SAME_ORBIT:
+            return True
+        place = section.after(place, 1)
+    return False
+
+
+def peaks(section: Section, settled: Settled, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Forces in N and largest decelerations -X2'' in m/s^2 of the impacts of a motion, in their order.
+
+    Of an orbit its impacts; of a motion that does not close the next in ``most`` periods; ``most`` at most.
+    """
+    periods = settled.period or most
+    spacing = PEAK_SPACING * float(np.sqrt(section.model.m2 / section.model.ku))
+    # a period more on either side, so that an impact under way at the section is seen from beginning to end
+    begin, end = section.duration, (periods + 1) * section.duration
+    rows = section.samples(int((end + section.duration) / spacing) + 1)
+    _end, impacts, switches = section.run(
+        settled.place, end + section.duration, 1.0 / spacing, rows, PEAK_RTOL if settled.period else RTOL
+    )
+    hits = [hit for hit in impacts if begin < hit[_TIME] <= end][:most]
+    decelerations = [_deceleration(rows, spacing, *_contact(switches, hit[_TIME])) for hit in hits]
+    return np.array([hit[_FORCE] for hit in hits]), np.array(decelerations)
+
+
+def _contact(switches: np.ndarray, turn: float) -> tuple[float, float]:
+    """When the loading before a turn begins and the unloading after it ends, in s."""
+    at = int(np.searchsorted(switches[:, _TIME], turn - 1e-12))
+    begin = switches[at - 1, _TIME] if at > 0 else 0.0
+    return float(begin), float(switches[at + 1, _TIME]) if at + 1 < len(switches) else np.inf
+
+
+def _deceleration(rows: np.ndarray, spacing: float, begin: float, end: float) -> float:
+    """The largest -X2'' in m/s^2 of samples between two times, by a parabola through the three highest."""
+    first = int(np.ceil(begin / spacing))
+    last = int(min(end // spacing + 1, len(rows)))
+    part = -rows[first : max(last, first + 1), _ACCELERATION]
+    k = int(np.argmax(part))
+    if not 0 < k < part.size - 1:
+        return float(part[k])
+    left, right = part[k] - part[k - 1], part[k] - part[k + 1]
+    bend = left + right
+    return float(part[k] + (0.125 * (left - right) ** 2 / bend if bend > 0.0 else 0.0))
+
+
+def effects_meant(given: Iterable[Chosen]) -> tuple[Chosen, ...]:
+    """The effects as a tuple.
+
+    Raises:
+        InputError: something else than effects.
+    """
+    try:
+        chosen = tuple(given)
+    except TypeError:
+        raise InputError(
+            f"effects is {shown(given)}: give a list of drillenv.dynamics.effects.make(name, ...)"
+        ) from None
+    for each in chosen:
+        if not isinstance(each, Chosen):
+            raise InputError(f"effects holds {shown(each)}: give drillenv.dynamics.effects.make(name, ...)")
+    return chosen

@@ -1,0 +1,110 @@
+"""From what each controller did in each episode to the rows of the league, and to the statement about learning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from training.measures import MEASURES
+from training.statistics import Draws, Interval, chance, draws, interval, iqm, resampled
+
+FORMAT = "drillenv-league/1"
+YARDSTICK = "oracle"
+"""What scores are shares of: the planner that knows the rock, which is better than the steady-state oracle."""
+ORACLES = ("oracle", "steady-oracle")
+REPEATED = ("learned", "learned-recurrent")
+"""The rows of several training seeds."""
+LEARNING = (*REPEATED, "shipped")
+ENOUGH = 0.95
+"""Share of the yardstick that learning is to reach."""
+SEEDS = 5
+"""Training seeds that the statement needs."""
+
+
+def summary(runs: Mapping[str, list[dict[str, Any]]], strata: np.ndarray) -> dict[str, Any]:
+    """Everything that is derived from the runs.
+
+    Args:
+        runs: Of each row, as in the record.
+        strata: (episodes,) to resample within.
+
+    Returns:
+        ``rows``: for each row its seeds, the interquartile mean of the shares of the yardstick with its interval, that
+        of each seed, and the mean of each measure with its interval; ``beats``: the probability that the first scores
+        more than the second; ``statement``: see :func:`statement`.
+    """
+    drawn = draws(strata, max(len(each) for each in runs.values()))
+    shares = shares_of(runs)
+    share_draws = {name: resampled(each, drawn) for name, each in shares.items()}
+    rows = {}
+    for name, each in runs.items():
+        rows[name] = {
+            "runs": len(each),
+            "share": _listed(interval(iqm(shares[name]), share_draws[name])),
+            "share_of_runs": [iqm(run[None]) for run in shares[name]],
+        }
+        rows[name] |= {measure: _mean(values_of(each, measure), drawn) for measure in MEASURES}
+    beats = {name: {other: chance(shares[name], shares[other]) for other in runs if other != name} for name in runs}
+    return {
+        "yardstick": YARDSTICK,
+        "least_yardstick": float(values_of(runs[YARDSTICK], "score").min()),
+        "rows": rows,
+        "beats": beats,
+        "statement": statement(shares, share_draws, drawn),
+    }
+
+
+def values_of(runs: list[dict[str, Any]], measure: str) -> np.ndarray:
+    """(runs, episodes) a measure, NaN where an episode has none."""
+    return np.array([[math.nan if x is None else x for x in run["episodes"][measure]] for run in runs])
+
+
+def shares_of(runs: Mapping[str, list[dict[str, Any]]]) -> dict[str, np.ndarray]:
+    """(runs, episodes) of each row: the score in an episode over the yardstick's in it."""
+    yardstick = values_of(runs[YARDSTICK], "score")[0]
+    return {name: values_of(each, "score") / yardstick for name, each in runs.items()}
+
+
+def _mean(values: np.ndarray, drawn: Draws) -> list[float | None]:
+    """Mean of a measure over runs and episodes, and its interval; nothing where an episode has none of it."""
+    if not np.isfinite(values).all():
+        known = values[np.isfinite(values)]
+        return [float(known.mean()) if known.size else None, None, None]
+    return [*_listed(interval(float(values.mean()), resampled(values, drawn, mean=True)))]
+
+
+def statement(
+    shares: Mapping[str, np.ndarray], share_draws: Mapping[str, np.ndarray], drawn: Draws
+) -> dict[str, dict[str, Any]]:
+    """For each row of several seeds: does it beat those that neither learn nor see the rock, and is it good enough?
+
+    ``differences`` to the others, the best of them first, are those of the interquartile means, with intervals from
+    pairs of resamples. That the best of them is the best on these very episodes flatters it.
+    """
+    others = [name for name in shares if name not in (*ORACLES, *LEARNING)]
+    others.sort(key=lambda name: -iqm(shares[name]))
+    found = {}
+    for name in REPEATED:
+        if name not in shares or not others:
+            continue
+        mean, enough_seeds = iqm(shares[name]), len(shares[name]) >= SEEDS
+        differences = {
+            other: interval(mean - iqm(shares[other]), share_draws[name] - share_draws[other]) for other in others
+        }
+        share = interval(mean, share_draws[name])
+        found[name] = {
+            "seeds": len(shares[name]),
+            "share": _listed(share),
+            "reaches_enough": enough_seeds and share.low >= ENOUGH,
+            "differences": {other: _listed(each) for other, each in differences.items()},
+            "beats": [other for other, each in differences.items() if enough_seeds and each.low > 0.0],
+            "loses_to": [other for other, each in differences.items() if enough_seeds and each.high < 0.0],
+        }
+    return found
+
+
+def _listed(found: Interval) -> list[float]:
+    return [found.value, found.low, found.high]

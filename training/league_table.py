@@ -1,0 +1,128 @@
+"""The league's record as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from drillenv.checks import InputError
+from drillenv.files import whole
+from training.league import SEEDS
+
+
+def league_table(record: Mapping[str, Any]) -> str:
+    """The rows, best first, as a Markdown table."""
+    rows = record["summary"]["rows"]
+    lines = [
+        "| controller | share of the oracle | score, mm/s | penetration, mm/s | strong P-1-I-1 | violations "
+        "| worst 5 %, N | J/mm | recovery, s |",
+        "|" + "---|" * 9,
+    ]
+    for name in sorted(rows, key=lambda each: -rows[each]["share"][0]):
+        row = rows[name]
+        value, low, high = row["share"]
+        seeds = f" ({row['runs']} seeds)" if row["runs"] > 1 else ""
+        cells = [
+            f"{name}{seeds}",
+            f"{value:.3f} ({low:.3f} to {high:.3f})",
+            _number(row["score"], 3),
+            _number(row["penetration_rate"], 2),
+            _percent(row["single_share"]),
+            _percent(row["violations"]),
+            _number(row["worst_excess"], 0),
+            _number(row["energy"], 1),
+            _number(row["recovery"], 2),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def beats_table(record: Mapping[str, Any]) -> str:
+    """The probabilities that the row's controller scores more than the column's, as a Markdown table."""
+    rows, beats = record["summary"]["rows"], record["summary"]["beats"]
+    names = sorted(rows, key=lambda each: -rows[each]["share"][0])
+    lines = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
+    for name in names:
+        cells = ["" if other == name else f"{beats[name][other]:.2f}" for other in names]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def statement_text(record: Mapping[str, Any]) -> str:
+    """The statement about learning in words, a line for each row of SEEDS seeds or more."""
+    lines = []
+    for name, found in record["summary"]["statement"].items():
+        if found["seeds"] < SEEDS:
+            continue
+        share, least, most = found["share"]
+        reaches = "reaches" if found["reaches_enough"] else "does not surely reach"
+        unsure = [other for other in found["differences"] if other not in (*found["beats"], *found["loses_to"])]
+        said = [
+            f"{words} {', '.join(f'`{other}` ({_difference(found, other)})' for other in others)}"
+            for words, others in (
+                ("loses to", found["loses_to"]),
+                ("is not surely different from", unsure),
+                ("beats", found["beats"]),
+            )
+            if others
+        ]
+        lines.append(
+            f"- `{name}`, {found['seeds']} training seeds, {reaches} 95 % of the oracle: {share:.3f} ({least:.3f} to "
+            f"{most:.3f}). Of those that neither learn nor see the rock it {'; it '.join(said)}: differences of the "
+            "shares, with 95 % intervals."
+        )
+    return "\n".join(lines)
+
+
+def _difference(found: Mapping[str, Any], other: str) -> str:
+    value, low, high = found["differences"][other]
+    return f"{value:+.3f}, {low:+.3f} to {high:+.3f}"
+
+
+def page_part(record: Mapping[str, Any]) -> str:
+    """Everything that a page says of a record."""
+    parts = [
+        f"{record['episodes']} episodes of {record['steps']} steps.",
+        league_table(record),
+        statement_text(record),
+        "<details><summary>Probability that the row scores more than the column in an episode</summary>",
+        beats_table(record),
+        "</details>",
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def write_table(file: str | Path, record: Mapping[str, Any]) -> None:
+    """Write the tables to a file of their own, or into their place in a page.
+
+    The place in a page lies between the lines ``<!-- league NAME -->`` and ``<!-- end league NAME -->``; between
+    ``<!-- league-rows NAME -->`` and its end only the rows are written.
+
+    Raises:
+        InputError: the file cannot be read or written, or is a page without a place for this condition.
+    """
+    target = Path(file)
+    name = record["condition"]
+    text = page_part(record) + "\n"
+    if target.is_file() and target.stat().st_size:
+        text = target.read_text(encoding="utf-8")
+        found = False
+        for kind, content in (("league", page_part), ("league-rows", league_table)):
+            begin, end = f"<!-- {kind} {name} -->\n", f"<!-- end {kind} {name} -->"
+            if begin in text and end in text.split(begin, 1)[1]:
+                before, rest = text.split(begin, 1)
+                text = before + begin + content(record) + "\n" + end + rest.split(end, 1)[1]
+                found = True
+        if not found:
+            raise InputError(f"{target} has no line <!-- league {name} --> to put the table after: give another file")
+    with whole(target) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def _number(found: list[float | None], digits: int) -> str:
+    return "" if found[0] is None else f"{found[0]:.{digits}f}"
+
+
+def _percent(found: list[float | None]) -> str:
+    return "" if found[0] is None else f"{found[0]:.1%}".replace("%", " %")
