@@ -97,7 +97,9 @@ SCANNED = {
         {"s_r": s, "m_r": m, "zeta_r": 0.1} for m in (12.0, 25.0, 50.0, 85.0) for s in (6e-9, 1.2e-8, 2.2e-8, 4e-8)
     ),
 }
-"""Where mechanisms are looked for whose mark at one strength says nothing of that at another, since they resonate."""
+"""Where a mechanism is looked for whose mark at one strength says nothing of that at another, since it resonates."""
+SCANNED_JOINED = {"backlash": tuple({"g": g, "y0": y0} for g in (8e-4, 3e-4) for y0 in (-2e-5, -1e-4))}
+"""The same where a spring has no stiffness left in its play, and all of it outside: that shows where windows join."""
 OWN = {"mains-hum": ("sine_f", "cosine_f", "sine_a", "cosine_a")}
 """Mechanisms whose strengths differ from recording to recording: a recording begins at any phase of the mains."""
 

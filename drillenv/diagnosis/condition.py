@@ -27,6 +27,8 @@ SHORTEST, LONGEST = 0.6, 1.4
 """Excitation periods between which a window's length is, where there is a flight to end it."""
 GRID = 4
 """Windows begin and end at samples that this divides, so that every fourth sample makes a recording of its own."""
+LONGEST_LAG = 1e-3
+"""Seconds by which a channel may lag to be told at once."""
 SETTLING = 5e-4
 """Seconds after the start of a fresh recording in which it is not judged."""
 TOUCH = 6.0
@@ -174,6 +176,27 @@ def flight_level(force: np.ndarray, noise: float) -> float:
     return level if abs(level) > noise else 0.0
 
 
+def lag(
+    rig: Rig, setting: Setting, force: np.ndarray, acceleration: np.ndarray, angle: np.ndarray, rate: float
+) -> float:
+    """Seconds by which the acceleration comes later than the force says, negative if earlier.
+
+    The balance of the indenter gives its acceleration from the measured force and the drive, whatever the rock does;
+    their correlation is highest where the two lie on each other.
+    """
+    y, closing = spring_from_force(rig, setting, force, acceleration, angle, rate)
+    spring = rig.stiffness * y + rig.damping * closing
+    said = (rig.drive_force(setting) * np.sin(angle) + spring - force) / rig.indenter_mass
+    reach = int(LONGEST_LAG * rate)
+    inside = slice(reach, said.size - reach)
+    products = [float(said[inside] @ acceleration[reach + k : said.size - reach + k]) for k in range(-reach, reach + 1)]
+    top = int(np.argmax(products))
+    if not 0 < top < 2 * reach:
+        return 0.0
+    before, at, after = products[top - 1 : top + 2]
+    return (top - reach + 0.5 * (before - after) / (before - 2 * at + after)) / rate
+
+
 def contacts(force: np.ndarray, noise: float) -> np.ndarray:
     """(m, 2) first sample on the rock and first sample off it again, for each contact that the force shows."""
     on = force > TOUCH * noise
@@ -183,8 +206,10 @@ def contacts(force: np.ndarray, noise: float) -> np.ndarray:
     return edges.reshape(-1, 2)
 
 
-def condition(recording: Recording, rig: Rig) -> Conditioned:
+def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     """Prepare a recording of the drilling rig.
+
+    ``late`` is by how many seconds the acceleration is taken to lag, for the first guess of the states.
 
     Raises:
         InputError: it lacks a setting or a channel, has samples that are no numbers, no excitation or no contact.
@@ -202,7 +227,11 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
     omega, phase, amplitude = fit_excitation(excitation, rate, setting.frequency)
     angle = phase + omega * np.arange(force.size) / rate
     noise = max(white_noise(force), 1e-6), max(white_noise(acceleration), 1e-6)
-    y, closing = spring_from_force(rig, setting, force, acceleration, angle, rate)
+    now = acceleration
+    if late != 0.0:
+        samples = np.arange(force.size)
+        now = np.interp(samples + late * rate, samples, acceleration)
+    y, closing = spring_from_force(rig, setting, force, now, angle, rate)
     # whatever the load cell says in flight is its zero
     resting = force - flight_level(force, noise[0])
     touches = contacts(resting, noise[0])
@@ -214,9 +243,7 @@ def condition(recording: Recording, rig: Rig) -> Conditioned:
         raise InputError(
             f"{recording.name}: {len(starts) - 1} stretches begin off the rock: record for longer, with less pressure"
         )
-    states = np.array(
-        [_state_at(int(s), touches, resting, acceleration, rate, y, closing, noise[0]) for s in starts[:-1]]
-    )
+    states = np.array([_state_at(int(s), touches, resting, now, rate, y, closing, noise[0]) for s in starts[:-1]])
     states[:, 0] *= rig.stiffness
     if fresh:
         states[0] = rig.static_force(setting), 0.0, 0.0, 0.0

@@ -31,16 +31,18 @@ from drillenv.dynamics.survey import allowed_cores
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
-CONSTANTS = (
-    "shaker_mass",
-    "indenter_mass",
-    "stiffness",
-    "damping",
-    "drive_gain",
-    "pressure_gain",
-    "loading_stiffness",
-    "unloading_stiffness",
-)
+UNITS = {
+    "shaker_mass": "kg",
+    "indenter_mass": "kg",
+    "stiffness": "N/m",
+    "damping": "N*s/m",
+    "drive_gain": "1",
+    "pressure_gain": "1",
+    "loading_stiffness": "N/m",
+    "unloading_stiffness": "N/m",
+}
+"""SI units of the constants."""
+CONSTANTS = tuple(UNITS)
 BEGUN = ("N0", "s0")
 """Symbols for the first extra state of an effect as a recording of a running rig begins."""
 STEP = 0.02
@@ -178,10 +180,11 @@ class Fit:
     @property
     def covariance(self) -> np.ndarray:
         """(p, p) of the parameters, in their own units."""
-        priors = [each.prior for each in self.hypothesis.parameters]
+        # what the recordings say nothing of is a thousand widths wide
+        priors = [each.prior + 1e-6 for each in self.hypothesis.parameters]
         total = sum_quadratics(self.quadratics, self.places, len(priors))[1] + np.diag(priors)
         widths = np.array([each.width for each in self.hypothesis.parameters])
-        return np.linalg.pinv(total, hermitian=True) * widths[:, None] * widths[None, :]
+        return np.linalg.inv(total) * widths[:, None] * widths[None, :]
 
     @property
     def spread(self) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drillenv.checks import InputError, count, number
+from drillenv.diagnosis.fit import UNITS
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording
@@ -123,9 +124,9 @@ def rehearse(
 def believed_constants(case: int) -> dict[str, Nominal]:
     """What a lab believes of the rig and of a pair of Table 2.2, with the standard deviations."""
     pair = rock(case)
-    stated = {name: Nominal(getattr(Rig(), name), width, "SI") for name, width in TOLERANCES.items()}
+    stated = {name: Nominal(getattr(Rig(), name), width, UNITS[name]) for name, width in TOLERANCES.items()}
     for name, share in zip(("loading_stiffness", "unloading_stiffness"), ROCK_TOLERANCE, strict=True):
-        stated[name] = Nominal(getattr(pair, name), share * getattr(pair, name), "SI")
+        stated[name] = Nominal(getattr(pair, name), share * getattr(pair, name), UNITS[name])
     return stated
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from drillenv.checks import InputError, shown
 from drillenv.corrected import Corrected, model_record
 from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill
-from drillenv.diagnosis.fit import Fit
+from drillenv.diagnosis.fit import UNITS, Fit
 from drillenv.diagnosis.one_body import diagnose_body
 from drillenv.diagnosis.page import Trace, Wave, page
 from drillenv.diagnosis.separate import separation
@@ -26,16 +26,6 @@ from drillenv.files import whole
 from drillenv.recordings import Campaign, QualityFinding, check_quality, read_campaign
 
 CELLS = ("no contact", "loading", "unloading")
-UNITS = {
-    "shaker_mass": "kg",
-    "indenter_mass": "kg",
-    "stiffness": "N/m",
-    "damping": "N*s/m",
-    "drive_gain": "1",
-    "pressure_gain": "1",
-    "loading_stiffness": "N/m",
-    "unloading_stiffness": "N/m",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +130,7 @@ def _waves(outcome: Outcome) -> tuple[Wave, ...]:
     made = []
     recordings = (*outcome.fit_data, *outcome.held_data)
     for i, (data, (before, after)) in enumerate(zip(recordings, outcome.pairs, strict=True)):
-        # nothing is simulated outside the windows
-        inside = slice(int(data.starts[0]), int(data.starts[-1]))
+        inside = data.judged
         time = np.arange(data.force.size)[inside] / data.rate
         traces = tuple(
             Trace(channel, unit, *(getattr(each, channel)[inside] for each in (data, before, after)))

@@ -1,0 +1,39 @@
+"""Each mechanism of the library, put into small campaigns by the general engine, is found again."""
+
+import numpy as np
+import pytest
+
+from drillenv.diagnosis.candidates import variants
+from drillenv.diagnosis.rehearsal import drawn_effect, rehearse
+from drillenv.diagnosis.report import diagnose
+from drillenv.dynamics.effects import REGISTRY
+
+FOUND = sorted({each.mechanism for each in variants()})
+SEED = 7
+SURE = 3.0
+"""Standard deviations within which strengths are asked to lie; 1.96 would fail one in twenty."""
+
+
+def test_every_mechanism_of_the_drilling_rig_is_looked_for():
+    acting = {name for name, effect in REGISTRY.items() if effect.balances != ("body",)}
+    assert set(FOUND) == acting
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FOUND)
+def test_mechanism_is_found(name):
+    rng = np.random.default_rng(SEED)
+    chosen = drawn_effect(name, rng)
+    campaign = rehearse(rng, 4, (chosen,), recordings=5, seconds=0.2).campaign
+    report = diagnose(campaign)
+    assert report.verdict == "missing-physics"
+    (finding,) = report.record["findings"]
+    assert finding["mechanism"] == name
+    assert report.record["fit"]["fitted"]["after"] < 1.03 < report.record["fit"]["fitted"]["before"]
+    true = {part.symbol: value for part, value in zip(chosen.effect.parameters, chosen.values, strict=True)}
+    for symbol, found in finding["parameters"].items():
+        if symbol.startswith("phi"):
+            continue  # turns round at pi
+        if symbol.startswith("vs") and true[symbol] == 0.0:
+            continue  # a grip: as sharp as the fit goes
+        assert abs(found["value"] - true[symbol]) < SURE * found["std"], symbol
