@@ -279,11 +279,18 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
                 steps.append(step)
                 loosely, now = step.loosely, step.fitted
                 say(f"{step.mechanism}: gain {step.gain:.0f}")
-        while len(steps) < MOST:
-            say(f"looking for what is missing ({per_sample(now):.3f} of the noise is left)")
-            step, rejected = _next(thin, now, loosely, workers, say)
-            if step is None:
+        for _look in range(2 * MOST):
+            if len(steps) == MOST:
                 break
+            say(f"looking for what is missing ({per_sample(now):.3f} of the noise is left)")
+            step, rejected, better = _next(thin, now, loosely, workers, say)
+            news, now = better is not now, better
+            if not steps:
+                plain = now
+            if step is None and not news:
+                break
+            if step is None:
+                continue
             steps.append(step)
             loosely, now = step.loosely, step.fitted
             say(f"{step.mechanism}: gain {step.gain:.0f}")
@@ -383,8 +390,10 @@ def _tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers
     return joined(recordings, loosely.hypothesis, workers, loosely.values, loosely.states)
 
 
-def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | None, list[tuple[str, float, str]]]:
-    """The mechanism to add, and those passed over with the reason."""
+def _next(
+    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
+) -> tuple[Step | None, list[tuple[str, float, str]], Fit]:
+    """The mechanism to add, those passed over with the reason, and the fit without it, which may be better by now."""
     # a fit that the joints have bent says little of what is missing; the windows on their own say more
     close, beside = per_sample(now) <= FLOOR, bool(now.hypothesis.effects)
     scores = screen(thin, now, workers, 1.0) if close else screen(thin, loosely, workers, 30.0)
@@ -401,7 +410,7 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
     ]
     rivals = [each for each in ranked if each.gain > threshold(len(each.strengths), beside)]
     if not rivals:
-        return None, passed
+        return None, passed, now
     rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:MORE]
     # what acts on the shaker shows only where windows join
     hidden = not close and per_sample(loosely) <= FLOOR
@@ -426,16 +435,32 @@ def _next(thin, now: Fit, loosely: Fit, workers: Workers, say) -> tuple[Step | N
         tried += _scan_joined(thin, now, workers, say) if hidden else _scan(thin, now, loosely, workers, say)
         tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
     if not tried:
-        return None, passed
+        return None, passed, now
     best = tried[0]
+    now = _without(thin, now, best, workers)
     gain = now.cost - best.fitted.cost
     needed = threshold(len(best.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), beside)
     others = {each.mechanism: each.fitted for each in reversed(tried[1:]) if each.mechanism != best.mechanism}
     passed += [(name, now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
-        return None, [*passed, (best.mechanism, gain, "gains too little once fitted")]
+        return None, [*passed, (best.mechanism, gain, "gains too little once fitted")], now
     same = {name: other for name, other in others.items() if other.cost - best.fitted.cost < EQUAL}
-    return Step(best.mechanism, gain, needed, best.loosely, best.fitted, same), passed
+    return Step(best.mechanism, gain, needed, best.loosely, best.fitted, same), passed, now
+
+
+def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -> Fit:
+    """The fit without a mechanism, started from where the one with it ended, if that is better.
+
+    A fit may have ended short of the best, and whatever is added then lets it go on: that is no gain of the mechanism.
+    """
+    if per_sample(best.fitted) > CLOSE or per_sample(now) > CLOSE:
+        return now
+    try:
+        values = best.fitted.values[: len(now.values)]
+        again = fit(thin, now.hypothesis, workers, values, best.fitted.states, NEARBY)
+    except (InputError, np.linalg.LinAlgError):
+        return now
+    return again if again.cost < now.cost - 1.0 else now
 
 
 class Tried(NamedTuple):
