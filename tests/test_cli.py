@@ -436,7 +436,7 @@ def test_interrupt(capsys, monkeypatch):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_interrupt_while_writing_leaves_no_file(tmp_path):
-    arguments = ["simulate", *SETTING, "--seconds", "40", "--sample-rate", "1e5", "--out", "run.csv"]
+    arguments = ["simulate", *SETTING, "--seconds", "120", "--sample-rate", "1e5", "--out", "run.csv"]
     with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
         while not sum(entry.stat().st_size for entry in os.scandir(tmp_path)):

@@ -288,7 +288,9 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
 
 def _gripping(ordered: list[Chosen], mass: int) -> int:
     """Which effect grips a mass, or -1."""
-    rows = [i for i, each in enumerate(ordered) if each.effect.grips == mass and each.values[0] > 0.0 == each.values[1]]
+    rows = [i for i, each in enumerate(ordered) if each.effect.grips == mass and each.values[0] > 0.0]
+    # friction that sets in over a transition speed is a term like others
+    rows = [i for i in rows if not any(ordered[i].values[1:2])]
     if len(rows) > 1:
         names = " and ".join(ordered[i].effect.name for i in rows)
         raise InputError(f"{names} grip the same mass: give one of them, with the sum of their limits")
