@@ -46,7 +46,7 @@ def cases():
         yield pytest.param(name, marks=marks)
 
 
-@pytest.mark.parametrize("name", cases())
+@pytest.mark.parametrize("name", list(cases()))
 def test_mechanism_is_found(name):
     rng = np.random.default_rng(SEED)
     chosen = drawn_effect(name, rng)
