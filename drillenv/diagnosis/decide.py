@@ -28,8 +28,8 @@ CLOSE = 1.5
 """Sum of squares over samples below which a fit is close enough for the joints between windows to be used."""
 MOST = 3
 """Mechanisms at once."""
-RIVALS, MORE = 3, 7
-"""Mechanisms fitted for good at each step, and where none of them leaves nothing but noise."""
+RIVALS = 3
+"""Mechanisms fitted for good at each step."""
 WORTH = 0.2
 """Share of the best gain of the first look from which a mechanism is a rival."""
 CLEAR = 0.6
@@ -411,14 +411,14 @@ def _next(
     rivals = [each for each in ranked if each.gain > threshold(len(each.strengths), beside)]
     if not rivals:
         return None, passed, now
-    rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:MORE]
+    rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:RIVALS]
     # what acts on the shaker shows only where windows join
     hidden = not close and per_sample(loosely) <= FLOOR
     tried: list[Tried] = []
-    for i, score in enumerate(rivals):
+    for score in rivals:
         mechanism = score.variant.mechanism
         done = bool(tried) and per_sample(tried[0].fitted) <= FLOOR
-        if done and (i >= RIVALS or score.gain < CLEAR * rivals[0].gain):
+        if done and score.gain < CLEAR * rivals[0].gain:
             passed.append((mechanism, score.gain, "explains less at first look"))
             continue
         say(f"trying {mechanism} (gain {score.gain:.0f} at first look)")
