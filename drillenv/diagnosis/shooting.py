@@ -159,7 +159,8 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
     model = model._replace(omega=data.omega)
     z = np.zeros(model.tally + 4 + len(physics.motion))
-    z[OWN : model.tally] = extra_start(physics.motion, {} if data.fresh else dict(physics.begun))
+    if not data.fresh:
+        z[OWN : model.tally] = extra_start(physics.motion, dict(physics.begun), setting.frequency)
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
@@ -221,17 +222,18 @@ def sensed(data: Conditioned, motion: Motion, physics: Physics) -> Prediction:
     return Prediction(excitation[keep], force[keep], acceleration[keep], motion.ends)
 
 
-def extra_start(effects: Sequence[Chosen], begun: Mapping[str, float]) -> list[float]:
-    """Extra states at the beginning of a recording, in the order in which the engine holds them.
+def extra_start(effects: Sequence[Chosen], begun: Mapping[str, float], impacts: float) -> list[float]:
+    """Extra states as a recording of a running rig begins, in the order in which the engine holds them.
 
-    All are 0 but the first of the effects that ``begun`` names.
+    The first of an effect is what ``begun`` says of it. Counts that nobody gave are ``impacts``, those of a second; all
+    others are 0.
     """
-    ordered = sorted(effects, key=lambda each: each.effect.comes_last)
-    return [
-        begun.get(each.effect.name, 0.0) if i == 0 else 0.0
-        for each in ordered
-        for i, _extra in enumerate(each.effect.extras)
-    ]
+    made = []
+    for each in sorted(effects, key=lambda each: each.effect.comes_last):
+        for i, extra in enumerate(each.effect.extras):
+            usual = impacts if extra.symbol.startswith("N") else 0.0
+            made.append(begun.get(each.effect.name, usual) if i == 0 else usual)
+    return made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
