@@ -28,6 +28,7 @@ from drillenv.dynamics.exact import (
 from drillenv.dynamics.flow import LOADING, STIFFNESS, UNLOADING, make_model
 from drillenv.dynamics.general import Impacts, Start, run_general
 from drillenv.dynamics.motion import Motion, checked_place, motion
+from drillenv.dynamics.motion_general import effects_meant
 from drillenv.dynamics.orbits import put_on_section
 from drillenv.files import whole
 from drillenv.rig import Rig, Setting
@@ -199,7 +200,7 @@ def simulate(
     times = _times(seconds, sample_rate)
     phase = number("phase", phase, *PHASE_LIMITS, "rad") % TURN % TURN  # the first may round up to a whole turn
     steady = choice("start", start, ("fresh", "steady")) == "steady"
-    chosen = _effects(effects)
+    chosen = effects_meant(effects)
     if choice("engine", engine, ("exact", "general")) == "exact" and not chosen:
         try:
             model = make_model(rig, rock, setting)
@@ -434,17 +435,3 @@ def _times(seconds: float, sample_rate: float) -> Floats:
             "give fewer seconds or a lower sample_rate"
         )
     return np.arange(samples) / sample_rate
-
-
-def _effects(given: Iterable[Chosen]) -> tuple[Chosen, ...]:
-    """The effects as a tuple."""
-    try:
-        chosen = tuple(given)
-    except TypeError:
-        raise InputError(
-            f"effects is {shown(given)}: give a list of drillenv.dynamics.effects.make(name, ...)"
-        ) from None
-    for effect in chosen:
-        if not isinstance(effect, Chosen):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(f"effects holds {shown(effect)}: give drillenv.dynamics.effects.make(name, ...)")
-    return chosen
