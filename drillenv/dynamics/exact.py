@@ -50,6 +50,7 @@ from drillenv.dynamics.flow import (
     quickest,
     sine_cosine,
 )
+from drillenv.dynamics.fused import fma
 
 TURN = 2 * math.pi
 
@@ -199,9 +200,9 @@ def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float):
     sine, cosine = sine_cosine(theta + omega * t)
     wave = channel[3] * sine + channel[4] * cosine
     wave_speed = omega * (channel[3] * cosine - channel[4] * sine)
-    w = channel[0] + t * (channel[1] + 0.5 * t * channel[2]) + wave + c * channel[5] + s * channel[6]
-    v = channel[1] + t * channel[2] + wave_speed + c * channel[7] + s * channel[8]
-    a = channel[2] - omega * omega * wave + c * channel[9] + s * channel[10]
+    w = fma(t, fma(0.5 * t, channel[2], channel[1]), channel[0]) + fma(c, channel[5], fma(s, channel[6], wave))
+    v = fma(t, channel[2], channel[1]) + fma(c, channel[7], fma(s, channel[8], wave_speed))
+    a = fma(-omega * omega, wave, channel[2]) + fma(c, channel[9], s * channel[10])
     return w, v, a
 
 
@@ -213,12 +214,12 @@ def probe_contact(model: np.ndarray, regime: int, channel: np.ndarray, work: np.
     sc, ss = pair_at(model[regime, SLOW], model[regime, SLOW + 1], model[regime, SLOW + 2], t)
     sine, cosine = sine_cosine(theta + omega * t)
     w = model[regime, FORCED + 3] + sine * model[regime, FORCED + 7] + cosine * model[regime, FORCED + 11]
-    w += fc * work[3] + fs * work[7] + sc * work[11] + ss * work[15]
+    w += fma(fc, work[3], fs * work[7]) + fma(sc, work[11], ss * work[15])
     wave = channel[0] * sine + channel[1] * cosine
-    v = wave + fc * channel[5] + fs * channel[6] + sc * channel[11] + ss * channel[12]
+    v = wave + fma(fc, channel[5], fs * channel[6]) + fma(sc, channel[11], ss * channel[12])
     a = omega * (channel[0] * cosine - channel[1] * sine)
-    a += fc * channel[7] + fs * channel[8] + sc * channel[13] + ss * channel[14]
-    j = -omega * omega * wave + fc * channel[9] + fs * channel[10] + sc * channel[15] + ss * channel[16]
+    a += fma(fc, channel[7], fs * channel[8]) + fma(sc, channel[13], ss * channel[14])
+    j = fma(fc, channel[9], fs * channel[10]) + fma(sc, channel[15], fma(ss, channel[16], -omega * omega * wave))
     return w, v, a, j
 
 

@@ -24,11 +24,14 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError
+from drillenv.dynamics.fused import fma
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 
-KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
-"""How the kernels are compiled: fused multiply-add is allowed, nothing that reorders."""
+KERNEL = {"cache": True, "nogil": True, "error_model": "numpy"}
+"""How the kernels are compiled. Multiply-adds are fused only where the source says so (:func:`fma`): left to the
+compiler ("contract"), a kernel fresh from it and the same one out of the cache round differently, and chaotic motions
+part."""
 INLINE = {**KERNEL, "forceinline": True}
 """The same for what the kernels are made of: numba counts references at each call that stays one."""
 
@@ -215,15 +218,15 @@ def sine_cosine(x: float):
 
     Cody and Waite's reduction to [-pi/4, pi/4] and the kernels of Sun's fdlibm.
     """
-    n = math.floor(x * 0.6366197723675814 + 0.5)
-    r = (x - n * 1.57079632673412561417) - n * 6.07710050650619224932e-11
+    n = math.floor(fma(x, 0.6366197723675814, 0.5))
+    r = fma(n, -6.07710050650619224932e-11, fma(n, -1.57079632673412561417, x))
     z = r * r
-    sine = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
-    sine = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * sine)
-    sine = r + r * z * (-1.66666666666666324348e-01 + z * sine)
-    cosine = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
-    cosine = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * cosine)
-    cosine = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * cosine)
+    sine = fma(z, fma(z, 1.58969099521155010221e-10, -2.50507602534068634195e-08), 2.75573137070700676789e-06)
+    sine = fma(z, fma(z, sine, -1.98412698298579493134e-04), 8.33333333332248946124e-03)
+    sine = fma(r * z, fma(z, sine, -1.66666666666666324348e-01), r)
+    cosine = fma(z, fma(z, -1.13596475577881948265e-11, 2.08757232129817482790e-09), -2.75573143513906633035e-07)
+    cosine = fma(z, fma(z, cosine, 2.48015872894767294178e-05), -1.38888888888741095749e-03)
+    cosine = fma(z * z, fma(z, cosine, 4.16666666666666019037e-02), fma(z, -0.5, 1.0))
     quadrant = int(n) & 3
     if quadrant & 1:
         sine, cosine = cosine, sine
@@ -238,15 +241,8 @@ def sine_cosine(x: float):
 def fall(x: float) -> float:
     """exp(-x), by its series where that is quicker: the slow pair hardly moves during a contact."""
     if abs(x) < 0.02:
-        return 1.0 - x * (
-            1.0
-            - x
-            * (1 / 2)
-            * (
-                1.0
-                - x * (1 / 3) * (1.0 - x * (1 / 4) * (1.0 - x * (1 / 5) * (1.0 - x * (1 / 6) * (1.0 - x * (1 / 7)))))
-            )
-        )
+        third = fma(x, fma(x, fma(x, fma(x, -1 / 5040, 1 / 720), -1 / 120), 1 / 24), -1 / 6)
+        return fma(x, fma(x, fma(x, third, 1 / 2), -1.0), 1.0)
     return math.exp(-x)
 
 
@@ -255,13 +251,8 @@ def pair_at(decay: float, split: float, root: float, t: float):
     """exp(-decay t) C(t) and exp(-decay t) S(t) of a pair, with C'' = split C, C(0) = 1, S(0) = 0, S'(0) = 1."""
     x = split * t * t
     if abs(x) < 0.05:
-        cosine = 1.0 + x * (1 / 2) * (
-            1.0 + x * (1 / 12) * (1.0 + x * (1 / 30) * (1.0 + x * (1 / 56) * (1.0 + x * (1 / 90))))
-        )
-        sine = t * (
-            1.0
-            + x * (1 / 6) * (1.0 + x * (1 / 20) * (1.0 + x * (1 / 42) * (1.0 + x * (1 / 72) * (1.0 + x * (1 / 110)))))
-        )
+        cosine = fma(x, fma(x, fma(x, fma(x, fma(x, 1 / 3628800, 1 / 40320), 1 / 720), 1 / 24), 1 / 2), 1.0)
+        sine = t * fma(x, fma(x, fma(x, fma(x, fma(x, 1 / 39916800, 1 / 362880), 1 / 5040), 1 / 120), 1 / 6), 1.0)
         envelope = fall(decay * t)
         return envelope * cosine, envelope * sine
     if x < 0.0:
@@ -307,7 +298,7 @@ def contact_state(model, regime: int, work: np.ndarray, sine: float, cosine: flo
         forced = (
             model[regime, FORCED + i] + sine * model[regime, FORCED + 4 + i] + cosine * model[regime, FORCED + 8 + i]
         )
-        out[i] = forced + fc * work[i] + fs * work[4 + i] + sc * work[8 + i] + ss * work[12 + i]
+        out[i] = fma(fc, work[i], fma(fs, work[4 + i], fma(sc, work[8 + i], fma(ss, work[12 + i], forced))))
 
 
 @njit(**INLINE)
