@@ -49,6 +49,9 @@ SLACK = 8.0
 quite white, nor is another's friction quite this one's."""
 SECOND = 25.0
 """The same for a mechanism beside others: what is left of those that is not quite their equation."""
+NOTICED = 0.1
+"""Share of what is left that a mechanism has to explain, where it does not explain all: less is mopping up, and each
+further step costs more than all before."""
 EQUAL = 10.0
 """Half a sum of squares by which two mechanisms must differ to be told apart."""
 SEVERAL = 3.0
@@ -394,31 +397,28 @@ def _next(
     thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
 ) -> tuple[Step | None, list[tuple[str, float, str]], Fit]:
     """The mechanism to add, those passed over with the reason, and the fit without it, which may be better by now."""
-    # a fit that the joints have bent says little of what is missing; the windows on their own say more
     close, beside = per_sample(now) <= FLOOR, bool(now.hypothesis.effects)
-    scores = screen(thin, now, workers, 1.0) if close else screen(thin, loosely, workers, 30.0)
-    looks: dict[str, Score] = {}
-    for score in scores:
-        # no channel runs ahead: that is what the others' variants are for
-        if score.variant.mechanism != "channel-delay" or score.strengths[0] > 0.0:
-            looks.setdefault(score.variant.mechanism, score)
-    ranked = list(looks.values())
+    ranked = _looks(thin, now, loosely, workers, close)
     passed = [
         (each.variant.mechanism, each.gain, "gains too little")
-        for each in ranked
+        for each, _share in ranked
         if each.gain <= threshold(len(each.strengths), beside)
     ]
-    rivals = [each for each in ranked if each.gain > threshold(len(each.strengths), beside)]
+    shares = {
+        each.variant.mechanism: share
+        for each, share in ranked
+        if each.gain > threshold(len(each.strengths), beside) and share >= WORTH
+    }
+    rivals = [each for each, _share in ranked if each.variant.mechanism in shares][:RIVALS]
     if not rivals:
         return None, passed, now
-    rivals = [each for each in rivals if each.gain >= WORTH * rivals[0].gain][:RIVALS]
     # what acts on the shaker shows only where windows join
     hidden = not close and per_sample(loosely) <= FLOOR
     tried: list[Tried] = []
     for score in rivals:
         mechanism = score.variant.mechanism
         done = bool(tried) and per_sample(tried[0].fitted) <= FLOOR
-        if done and score.gain < CLEAR * rivals[0].gain:
+        if done and shares[mechanism] < CLEAR:
             passed.append((mechanism, score.gain, "explains less at first look"))
             continue
         say(f"trying {mechanism} (gain {score.gain:.0f} at first look)")
@@ -444,8 +444,31 @@ def _next(
     passed += [(name, now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
         return None, [*passed, (best.mechanism, gain, "gains too little once fitted")], now
+    if per_sample(best.fitted) > FLOOR and gain < NOTICED * (now.cost - now.cost / per_sample(now)):
+        return None, [*passed, (best.mechanism, gain, "explains next to nothing of it")], now
     same = {name: other for name, other in others.items() if other.cost - best.fitted.cost < EQUAL}
     return Step(best.mechanism, gain, needed, best.loosely, best.fitted, same), passed, now
+
+
+def _looks(
+    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool
+) -> list[tuple[Score, float]]:
+    """The best variant of each mechanism and its gain as a share of the best one's, the largest share first.
+
+    A fit that the joints have bent says little of what is missing inside the windows; the windows on their own say
+    more of that, and nothing of what shows where they join. So such a fit is looked at both ways.
+    """
+    looks = [(now, 1.0)] if close else [(loosely, 30.0)] if now is loosely else [(loosely, 30.0), (now, 1.0)]
+    best: dict[str, tuple[Score, float]] = {}
+    for fitted, loose in looks:
+        scores = screen(thin, fitted, workers, loose)
+        # no channel runs ahead: that is what the others' variants are for
+        scores = [each for each in scores if each.variant.mechanism != "channel-delay" or each.strengths[0] > 0.0]
+        for each in scores:
+            share, name = each.gain / max(scores[0].gain, 1e-9), each.variant.mechanism
+            if name not in best or share > best[name][1]:
+                best[name] = each, share
+    return sorted(best.values(), key=lambda each: -each[1])
 
 
 def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -> Fit:

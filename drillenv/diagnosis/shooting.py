@@ -34,10 +34,10 @@ MOST_LEAD = 2.0
 FINE, ROUGH = 16, 4
 """Points a recorded sample at which a sensor that rings or lags is followed: on all samples, and for a first look."""
 STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
-"""By how much the spring's force k y (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
+"""By how much the spring's force (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
 taken for y since it hardly changes with the stiffness."""
 JOIN = np.array([0.015, 2e-5])
-"""Standard deviations with which k y (N) and v1 (m/s) join from window to window: what a structure might do beside the
+"""Standard deviations with which the spring's force (N) and v1 (m/s) join from window to window: what a structure might do beside the
 model without being noticed in one window."""
 GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
@@ -125,17 +125,33 @@ def move(
         InputError: the motion could not be followed.
     """
     states = states.copy()
+    k, k3 = physics.rig.stiffness, _hardening(physics)
     if data.fresh:
-        states[0] = physics.rig.static_force(data.setting), 0.0, 0.0, 0.0
-    states[:, 0] /= physics.rig.stiffness
+        states[0, 1:] = 0.0
+        # whether a spring that hardens rests where its force or where its linear part carries the cylinder's is open
+        if not k3:
+            states[0, 0] = physics.rig.static_force(data.setting)
+    states[:, 0] = shortening(states[:, 0], k, k3)
     states[:, 3] = np.minimum(states[:, 3], 0.0)
     begun = np.zeros((len(states), 0))
     if physics.motion:
         force, acceleration, ends, begun = _with_effects(data, states, physics, fine, rtol, extras)
     else:
         force, acceleration, ends = _plain(data, states, physics, fine)
-    ends[:, 0] *= physics.rig.stiffness
+    ends[:, 0] = k * ends[:, 0] + k3 * ends[:, 0] ** 3
     return Motion(fine, force, acceleration, ends, begun)
+
+
+def _hardening(physics: Physics) -> float:
+    return sum(chosen.values[0] for chosen in physics.motion if chosen.effect.name == "stiffness-hardening")
+
+
+def shortening(force: np.ndarray, k: float, k3: float) -> np.ndarray:
+    """Shortening in m of a spring k y + k3 y^3 that carries ``force`` in N: the one real root."""
+    if not k3:
+        return force / k
+    reach = math.sqrt(k / (3.0 * k3))
+    return 2.0 * reach * np.sinh(np.arcsinh(1.5 * force / (k * reach)) / 3.0)
 
 
 def drive_phase(data: Conditioned, physics: Physics) -> float:
