@@ -431,6 +431,8 @@ def _next(
         except (InputError, np.linalg.LinAlgError) as error:
             passed.append((mechanism, score.gain, f"cannot be followed: {error}"))
         tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
+    if tried:
+        tried[0] = _onward(thin, tried[0], workers)
     if not beside and per_sample(now) < FAR and (not tried or per_sample(tried[0].fitted) > FLOOR):
         tried += _scan_joined(thin, now, workers, say) if hidden else _scan(thin, now, loosely, workers, say)
         tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
@@ -506,6 +508,30 @@ def _try(thin, mechanism: str, hypothesis: Hypothesis, values, states, stages, w
     return Tried(mechanism, free, _tightened(thin, free, workers) if stages[-1].settle else free)
 
 
+def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
+    """A mechanism whose fit leaves something or has bent the constants, from other places, or itself if none is better.
+
+    It may have been short of rounds, or have been led astray by where the plain model ended.
+    """
+    off = np.abs(_deviations(best.fitted))
+    if per_sample(best.fitted) <= FLOOR and off.max() <= SEVERAL:
+        return best
+    ends = [best]
+    values = best.fitted.values.copy()
+    values[: off.size] = [each.value for each in best.fitted.hypothesis.constants]
+    starts = [(values, best.loosely.states, LOOSE)]
+    if per_sample(best.fitted) <= CLOSE:
+        starts.append((best.fitted.values, best.fitted.states, NEARBY))
+    for values, states, stages in starts:
+        try:
+            ends.append(_try(thin, best.mechanism, best.fitted.hypothesis, values, states, stages, workers))
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        if stages is NEARBY:
+            ends[-1] = ends[-1]._replace(loosely=best.loosely)
+    return min(ends, key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
+
+
 def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say) -> list[Tried]:
     """Mechanisms that a first look cannot judge, each fitted from the best of several strengths."""
     found, few = [], slice(0, SCAN_ON)
@@ -571,15 +597,19 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
     return fit(recordings, now.hypothesis, workers, now.values, now.states, NEARBY)
 
 
+def _deviations(fitted: Fit) -> np.ndarray:
+    """How far the constants are from nominal, in standard deviations of what the lab believes."""
+    constants = fitted.hypothesis.constants
+    believed, widths = np.array([(each.value, each.width) for each in constants]).T
+    return (fitted.values[: len(constants)] - believed) / widths
+
+
 def _verdict(final: Fit, steps: Sequence[Step], left: float, plain: float, lines: Sequence[object]) -> str:
     """In one word, from what the final fit and the plain one leave."""
     bearable = FLOOR
     if steps:
         bearable = max(FLOOR, min(MOST_LEFT, 1.0 + SMALL_PART * (plain - 1.0)))
-    off = max(
-        abs(value - each.value) / each.width
-        for value, each in zip(final.values, final.hypothesis.constants, strict=False)
-    )
+    off = np.abs(_deviations(final)).max()
     # a mechanism that needs constants nobody believes in stands for another one
     if left > bearable or lines or (steps and off > BENT):
         return "unexplained"
