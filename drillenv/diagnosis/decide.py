@@ -452,9 +452,7 @@ def _next(
     return Step(best.mechanism, gain, needed, best.loosely, best.fitted, same), passed, now
 
 
-def _looks(
-    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool
-) -> list[tuple[Score, float]]:
+def _looks(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool) -> list[tuple[Score, float]]:
     """The best variant of each mechanism and its gain as a share of the best one's, the largest share first.
 
     A fit that the joints have bent says little of what is missing inside the windows; the windows on their own say

@@ -1,7 +1,7 @@
 """Multiple shooting: the model on a recording, window by window, and how it answers to everything it depends on.
 
 Each window runs the closed loop, rock, structure and drive, from a state of its own over one or two impacts, which is
-as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (k y and v1),
+as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (the force of its spring and v1),
 which does not notice single impacts, must join from window to window. What a misfit and its derivatives say about the
 constants and effects is kept as one quadratic for each recording, with the states eliminated, so that refits,
 left-out recordings and thousands of bootstrap samples cost next to nothing.
@@ -37,8 +37,8 @@ STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
 """By how much the spring's force (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
 taken for y since it hardly changes with the stiffness."""
 JOIN = np.array([0.015, 2e-5])
-"""Standard deviations with which the spring's force (N) and v1 (m/s) join from window to window: what a structure might do beside the
-model without being noticed in one window."""
+"""Standard deviations with which the spring's force (N) and v1 (m/s) join from window to window: what a structure might
+do beside the model without being noticed in one window."""
 GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
@@ -65,7 +65,7 @@ class Prediction(NamedTuple):
     acceleration: np.ndarray
     """(n,) in V, N, m/s^2; samples outside the windows are left out of everything."""
     ends: np.ndarray
-    """(windows, 4) k y, v1, v2, w at the end of each window."""
+    """(windows, 4) spring force, v1, v2, w at the end of each window."""
 
 
 def split_effects(effects: Sequence[Chosen]) -> tuple[tuple[Chosen, ...], tuple[Chosen, ...]]:
@@ -81,7 +81,7 @@ class Motion(NamedTuple):
     force: np.ndarray
     acceleration: np.ndarray
     ends: np.ndarray
-    """(windows, 4) k y, v1, v2, w at the end of each window."""
+    """(windows, 4) spring force, v1, v2, w at the end of each window."""
     extras: np.ndarray
     """(windows, own) extra states of the effects at the beginning of each window."""
 
