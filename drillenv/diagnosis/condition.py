@@ -66,7 +66,7 @@ class Conditioned:
     thin: int
     """1, or how many recorded samples go on one here."""
     states: np.ndarray
-    """(windows, 4) first guess of the spring force in N, v1 and v2 in m/s and w in m at the beginning of each window."""
+    """(windows, 4) first guess of spring force in N, v1 and v2 in m/s and w in m at the beginning of each window."""
 
     @property
     def judged(self) -> slice:

@@ -1,10 +1,10 @@
 """Multiple shooting: the model on a recording, window by window, and how it answers to everything it depends on.
 
 Each window runs the closed loop, rock, structure and drive, from a state of its own over one or two impacts, which is
-as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (the force of its spring and v1),
-which does not notice single impacts, must join from window to window. What a misfit and its derivatives say about the
-constants and effects is kept as one quadratic for each recording, with the states eliminated, so that refits,
-left-out recordings and thousands of bootstrap samples cost next to nothing.
+as far as a chaotic motion can be followed. The states are unknowns of the fit; the shaker's part of them (the spring's
+force and v1), which does not notice single impacts, must join from window to window. What a misfit and its derivatives
+say about the constants and effects is kept as one quadratic for each recording, with the states eliminated, so that
+refits, left-out recordings and thousands of bootstrap samples cost next to nothing.
 """
 
 from __future__ import annotations
