@@ -2,12 +2,14 @@
 
     {
       "format": "drillenv-model/1",
+      "rig": "percussive-drill",
       "constants": {"damping": 2790.0, "loading_stiffness": 21.9e6, "unloading_stiffness": 25.1e6},
       "effects": [{"name": "contact-rate", "parameters": {"chi": 0.52}}]
     }
 
 Constants carry the names that a campaign gives them and are in SI; those left out are Table 2.1's, and without
-stiffnesses the model holds on any rock.
+stiffnesses the model holds on any rock. ``rig`` may be left out; a diagnosis of another rig ("one-body") names it, and
+such a model is no model of the drill.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from drillenv.dynamics.effects import Chosen
 
 FORMAT = "drillenv-model/1"
+RIG = "percussive-drill"
 LARGEST_FILE = 1_000_000
 """Bytes; a model file has a few hundred."""
 RIG_CONSTANTS = tuple(each.name for each in fields(Rig))
@@ -101,8 +104,10 @@ def model_from_record(record: object) -> Corrected:
         given = shown(record.get("format")) if isinstance(record, dict) else shown(record)
         raise InputError(f"format is {given}: give a record whose format is {FORMAT!r}")
     for key in record:
-        if key not in ("format", "constants", "effects"):
-            raise InputError(f"unknown key {shown(key)}: a model has format, constants and effects")
+        if key not in ("format", "rig", "constants", "effects"):
+            raise InputError(f"unknown key {shown(key)}: a model has format, rig, constants and effects")
+    if record.get("rig", RIG) != RIG:
+        raise InputError(f"rig is {shown(record['rig'])}: give a model of the {RIG}, the rig that is simulated")
     constants = record.get("constants", {})
     if not isinstance(constants, dict):
         raise InputError(f"constants is {shown(constants)}: give a record of names and values")
@@ -139,7 +144,7 @@ def model_record(model: Corrected) -> dict[str, Any]:
     if model.rock is not None:
         constants |= {name: getattr(model.rock, name) for name in ROCK_CONSTANTS}
     effects = [effect_record(chosen) for chosen in model.effects]
-    return {"format": FORMAT, "constants": constants, "effects": effects}
+    return {"format": FORMAT, "rig": RIG, "constants": constants, "effects": effects}
 
 
 def effect_record(chosen: Chosen) -> dict[str, Any]:

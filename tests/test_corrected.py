@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drillenv.checks import InputError
-from drillenv.corrected import Corrected, effect_record, read_model, write_model
+from drillenv.corrected import Corrected, effect_record, model_from_record, read_model, write_model
 from drillenv.dynamics.effects import make
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
@@ -32,6 +32,11 @@ def test_effects_on_sensors_are_told_from_those_on_the_motion():
 def test_an_effect_of_a_one_body_rig_is_refused(name):
     with pytest.raises(InputError, match=f"{name}, which is one of a one-body rig"):
         _ = Corrected(effects=(RATE, make(name))).on_motion
+
+
+def test_a_model_of_another_rig_is_refused():
+    with pytest.raises(InputError, match="rig is 'one-body': give a model of the percussive-drill"):
+        model_from_record({"format": "drillenv-model/1", "rig": "one-body", "constants": {}, "effects": []})
 
 
 def test_an_effect_of_both_rigs_is_taken():

@@ -357,10 +357,14 @@ def boundaries(swept: Sweep, direction: str = "both") -> list[Boundary]:
         In the order in which the rig met them, the way up first.
 
     Raises:
-        InputError: not a sweep, or a direction that it does not have.
+        InputError: not a sweep, a direction that it does not have, or a sweep with effects, whose orbits cannot be
+            followed.
     """
     if not isinstance(swept, Sweep):
         raise InputError(f"swept is {shown(swept)}: give a Sweep, from sweep(setting, over, start, stop, step)")
+    if swept.effects:
+        names = ", ".join(each.effect.name for each in swept.effects)
+        raise InputError(f"swept has effects ({names}): give a sweep of the paper's model, or sweep in smaller steps")
     wanted = swept.directions if choice("direction", direction, (*DIRECTIONS, "both")) == "both" else (direction,)
     found = []
     for way in wanted:

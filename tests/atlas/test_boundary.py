@@ -8,6 +8,7 @@ import pytest
 
 from drillenv.atlas import boundaries, boundary, sweep
 from drillenv.checks import InputError
+from drillenv.dynamics.effects import make
 from drillenv.dynamics.exact import STATE_SIZE, TALLY_SIZE, advance_period, make_scratch
 from drillenv.dynamics.flow import UNLOADING, make_model
 from drillenv.dynamics.motion import motion, point_from_xf
@@ -209,3 +210,10 @@ def test_bad_input_is_said_in_one_line(arguments, says):
 def test_boundaries_wants_a_sweep():
     with pytest.raises(InputError, match="give a Sweep"):
         boundaries(CENTRE)
+
+
+def test_boundaries_refuse_a_sweep_with_effects():
+    """Orbits are followed by the exact engine, which knows no effects."""
+    swept = sweep(CENTRE, "frequency", 89.0, 90.0, 1.0, direction="up", effects=[make("contact-rate", chi=0.1)])
+    with pytest.raises(InputError, match="has effects .contact-rate.: give a sweep of the paper's model"):
+        boundaries(swept)
