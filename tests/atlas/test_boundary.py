@@ -215,5 +215,5 @@ def test_boundaries_wants_a_sweep():
 def test_boundaries_refuse_a_sweep_with_effects():
     """Orbits are followed by the exact engine, which knows no effects."""
     swept = sweep(CENTRE, "frequency", 89.0, 90.0, 1.0, direction="up", effects=[make("contact-rate", chi=0.1)])
-    with pytest.raises(InputError, match="has effects .contact-rate.: give a sweep of the paper's model"):
+    with pytest.raises(InputError, match=r"has effects \(contact-rate\): give a sweep of the paper's model"):
         boundaries(swept)

@@ -120,7 +120,6 @@ class Answer:
         model = {
             "format": "drillenv-model/1",
             "rig": "one-body",
-            "rig": "one-body",
             "constants": {name: each["value"] for name, each in constants.items()} if explained else {},
             "effects": [
                 {
