@@ -42,11 +42,9 @@ FAR = 30.0
 """Sum of squares over samples above which it is not a mount that is missing: the scan would take long for nothing."""
 MUCH = 0.01
 """Share of what the plain model leaves that a lag of several samples leaves at most, to be taken at once."""
-FALSE_ALARMS = 1e-4
-"""Chance that one candidate gains as much where nothing is missing."""
 SLACK = 8.0
-"""Gain beyond chance that a mechanism has to bring, in half sums of squares of every fourth sample: noise is never
-quite white, nor is another's friction quite this one's."""
+"""Gain beyond that of the luckiest candidate that a mechanism has to bring, in half sums of squares of every fourth
+sample: noise is never quite white, nor is another's friction quite this one's."""
 SECOND = 25.0
 """The same for a mechanism beside others: what is left of those that is not quite their equation."""
 NOTICED = 0.1
@@ -193,9 +191,12 @@ def per_sample(fitted: Fit) -> float:
     return 2.0 * fitted.cost / sum(each.samples for each in fitted.quadratics)
 
 
-def threshold(columns: int, beside: bool = False) -> float:
-    """Gain that a mechanism of so many free strengths has to bring, alone or beside others."""
-    return 0.5 * float(chi2.isf(FALSE_ALARMS, columns)) + (SECOND if beside else SLACK)
+def threshold(columns: int, chance: float, beside: bool) -> float:
+    """Gain that a mechanism of so many free strengths has to bring, alone or beside others.
+
+    ``chance`` is that of :func:`drillenv.diagnosis.screen.luck`.
+    """
+    return 0.5 * float(chi2.isf(chance, columns)) + (SECOND if beside else SLACK)
 
 
 def replay(recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: Workers) -> Fit:
@@ -363,9 +364,8 @@ def _late(
         )
     except (InputError, np.linalg.LinAlgError):
         return None
-    if per_sample(tried.fitted) > MUCH * per_sample(plain):
-        return None
-    return Step("channel-delay", plain.cost - tried.fitted.cost, threshold(1), tried.loosely, tried.fitted)
+    gain, needed = plain.cost - tried.fitted.cost, (1.0 - MUCH) * plain.cost
+    return Step("channel-delay", gain, needed, tried.loosely, tried.fitted) if gain > needed else None
 
 
 def _believed(
@@ -398,39 +398,37 @@ def _next(
 ) -> tuple[Step | None, list[tuple[str, float, str]], Fit]:
     """The mechanism to add, those passed over with the reason, and the fit without it, which may be better by now."""
     close, beside = per_sample(now) <= FLOOR, bool(now.hypothesis.effects)
-    ranked = _looks(thin, now, loosely, workers, close)
-    passed = [
-        (each.variant.mechanism, each.gain, "gains too little")
-        for each, _share in ranked
-        if each.gain <= threshold(len(each.strengths), beside)
-    ]
-    shares = {
-        each.variant.mechanism: share
-        for each, share in ranked
-        if each.gain > threshold(len(each.strengths), beside) and share >= WORTH
-    }
-    rivals = [each for each, _share in ranked if each.variant.mechanism in shares][:RIVALS]
+    ranked, chance = _looks(thin, now, loosely, workers, close)
+    rivals, passed = [], []
+    for each in ranked:
+        if each.gain <= threshold(len(each.score.strengths), chance, beside):
+            passed.append((each.mechanism, each.gain, "gains too little"))
+        elif each.share >= WORTH and len(rivals) < RIVALS:
+            rivals.append(each)
     if not rivals:
         return None, passed, now
     # what acts on the shaker shows only where windows join
     hidden = not close and per_sample(loosely) <= FLOOR
     tried: list[Tried] = []
-    for score in rivals:
-        mechanism = score.variant.mechanism
-        done = bool(tried) and per_sample(tried[0].fitted) <= FLOOR
-        if done and shares[mechanism] < CLEAR:
-            passed.append((mechanism, score.gain, "explains less at first look"))
+    winner: Rival | None = None
+    for rival in rivals:
+        mechanism = rival.mechanism
+        if winner is not None and rival.shares.get(winner.look, 0.0) < CLEAR:
+            passed.append((mechanism, rival.gain, "explains less at first look"))
             continue
-        say(f"trying {mechanism} (gain {score.gain:.0f} at first look)")
+        say(f"trying {mechanism} (gain {rival.gain:.0f} at first look)")
         stages, start = LOOSE, loosely
         if REGISTRY[mechanism].grips is None and (close or hidden):
             stages, start = NEARBY if close else JOINED, now
-        hypothesis, values = extended(start, score, thin)
+        hypothesis, values = extended(now if rival.look == "joined" else loosely, rival.score, thin)
         try:
             tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers))
         except (InputError, np.linalg.LinAlgError) as error:
-            passed.append((mechanism, score.gain, f"cannot be followed: {error}"))
-        tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
+            passed.append((mechanism, rival.gain, f"cannot be followed: {error}"))
+            continue
+        if winner is None and per_sample(tried[-1].fitted) <= FLOOR:
+            winner = rival
+    tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
     if tried:
         tried[0] = _onward(thin, tried[0], workers)
     if not beside and per_sample(now) < FAR and (not tried or per_sample(tried[0].fitted) > FLOOR):
@@ -441,7 +439,7 @@ def _next(
     best = tried[0]
     now = _without(thin, now, best, workers)
     gain = now.cost - best.fitted.cost
-    needed = threshold(len(best.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), beside)
+    needed = threshold(len(best.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, beside)
     others = {each.mechanism: each.fitted for each in reversed(tried[1:]) if each.mechanism != best.mechanism}
     passed += [(name, now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
@@ -452,23 +450,58 @@ def _next(
     return Step(best.mechanism, gain, needed, best.loosely, best.fitted, same), passed, now
 
 
-def _looks(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool) -> list[tuple[Score, float]]:
-    """The best variant of each mechanism and its gain as a share of the best one's, the largest share first.
+class Rival(NamedTuple):
+    """A mechanism that a first look puts forward."""
+
+    score: Score
+    """Of its best variant."""
+    look: str
+    """Which look that is from, joined or loose."""
+    shares: dict[str, float]
+    """Its gain as a share of the best one's, in each look."""
+
+    @property
+    def mechanism(self) -> str:
+        """Its name."""
+        return self.score.variant.mechanism
+
+    @property
+    def gain(self) -> float:
+        """At first look, in half sums of squares."""
+        return self.score.gain
+
+    @property
+    def share(self) -> float:
+        """The largest of its shares."""
+        return self.shares[self.look]
+
+
+def _looks(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool) -> tuple[list[Rival], float]:
+    """The mechanisms, those of the largest shares first, and the chance that all gains are held against.
 
     A fit that the joints have bent says little of what is missing inside the windows; the windows on their own say
     more of that, and nothing of what shows where they join. So such a fit is looked at both ways.
     """
-    looks = [(now, 1.0)] if close else [(loosely, 30.0)] if now is loosely else [(loosely, 30.0), (now, 1.0)]
-    best: dict[str, tuple[Score, float]] = {}
-    for fitted, loose in looks:
-        scores = screen(thin, fitted, workers, loose)
+    looks = {}
+    if close or now is not loosely:
+        looks["joined"] = screen(thin, now, workers, 1.0)
+    if not close:
+        looks["loose"] = screen(thin, loosely, workers, 30.0)
+    found: dict[str, Rival] = {}
+    for name, look in looks.items():
         # no channel runs ahead: that is what the others' variants are for
-        scores = [each for each in scores if each.variant.mechanism != "channel-delay" or each.strengths[0] > 0.0]
-        for each in scores:
-            share, name = each.gain / max(scores[0].gain, 1e-9), each.variant.mechanism
-            if name not in best or share > best[name][1]:
-                best[name] = each, share
-    return sorted(best.values(), key=lambda each: -each[1])
+        ahead = [each.variant.mechanism == "channel-delay" and each.strengths[0] <= 0.0 for each in look.scores]
+        scores = [each for each, early in zip(look.scores, ahead, strict=True) if not early]
+        for score in scores:
+            share = score.gain / max(scores[0].gain, 1e-9)
+            known = found.get(score.variant.mechanism)
+            if known is None:
+                found[score.variant.mechanism] = Rival(score, name, {name: share})
+            elif name not in known.shares:
+                known.shares[name] = share
+                if share > known.shares[known.look]:
+                    found[score.variant.mechanism] = Rival(score, name, known.shares)
+    return sorted(found.values(), key=lambda each: -each.share), min(look.chance for look in looks.values())
 
 
 def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -> Fit:
@@ -478,12 +511,19 @@ def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -
     """
     if per_sample(best.fitted) > CLOSE or per_sample(now) > CLOSE:
         return now
+    found, values, states = now, best.fitted.values[: len(now.values)], best.fitted.states
     try:
-        values = best.fitted.values[: len(now.values)]
-        again = fit(thin, now.hypothesis, workers, values, best.fitted.states, NEARBY)
+        for _again in range(3):
+            closer = fit(thin, now.hypothesis, workers, values, states, NEARBY)
+            if closer.cost > found.cost - 1.0:
+                break
+            found, values, states = closer, closer.values, closer.states
+        if now.hypothesis.effects:
+            other = joined(thin, now.hypothesis, workers, values, states)
+            found = min(found, other, key=lambda each: each.cost)
     except (InputError, np.linalg.LinAlgError):
-        return now
-    return again if again.cost < now.cost - 1.0 else now
+        pass
+    return found
 
 
 class Tried(NamedTuple):
@@ -514,19 +554,18 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
     off = np.abs(_deviations(best.fitted))
     if per_sample(best.fitted) <= FLOOR and off.max() <= SEVERAL:
         return best
+    hypothesis, values = best.fitted.hypothesis, best.fitted.values.copy()
+    values[: off.size] = [each.value for each in hypothesis.constants]
     ends = [best]
-    values = best.fitted.values.copy()
-    values[: off.size] = [each.value for each in best.fitted.hypothesis.constants]
-    starts = [(values, best.loosely.states, LOOSE)]
-    if per_sample(best.fitted) <= CLOSE:
-        starts.append((best.fitted.values, best.fitted.states, NEARBY))
-    for values, states, stages in starts:
-        try:
-            ends.append(_try(thin, best.mechanism, best.fitted.hypothesis, values, states, stages, workers))
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        if stages is NEARBY:
-            ends[-1] = ends[-1]._replace(loosely=best.loosely)
+    try:
+        if per_sample(best.fitted) > CLOSE:
+            ends.append(_try(thin, best.mechanism, hypothesis, values, best.loosely.states, LOOSE, workers))
+        else:
+            onward = fit(thin, hypothesis, workers, best.fitted.values, best.fitted.states, NEARBY)
+            anew = joined(thin, hypothesis, workers, values, best.loosely.states)
+            ends += [best._replace(fitted=onward), best._replace(fitted=anew)]
+    except (InputError, np.linalg.LinAlgError):
+        pass
     return min(ends, key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
 
 

@@ -2,7 +2,8 @@
 
 Around a fit everything is linear: a candidate adds columns to the quadratics, and what it gains is what is left of its
 columns after constants and window states have done what they can. The gain is counted in half sums of squares; for a
-mechanism that is not there it is half a chi-square number with as many degrees of freedom as columns.
+mechanism that is not there it is half a chi-square number with as many degrees of freedom as columns. What the luckiest
+of all candidates gains by chance is drawn by a parametric bootstrap.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import Variant, variants
@@ -19,7 +21,6 @@ from drillenv.diagnosis.fit import Fit, Workers, scaled_change, sum_quadratics
 from drillenv.diagnosis.shooting import (
     JOIN,
     Motion,
-    Quadratic,
     drive_phase,
     fineness,
     move,
@@ -29,6 +30,9 @@ from drillenv.diagnosis.shooting import (
     split_effects,
 )
 from drillenv.dynamics.effects import make
+
+FALSE_ALARMS = 0.01
+"""Share of campaigns where nothing is missing in which chance may give a candidate a gain that counts."""
 
 
 class Score(NamedTuple):
@@ -42,10 +46,20 @@ class Score(NamedTuple):
     """(p,) step of the fit's parameters that goes with it, in widths."""
 
 
-def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loose: float) -> list[Score]:
-    """Every variant that is not part of the fit already, the largest gain first.
+class Look(NamedTuple):
+    """What a first look found."""
 
-    ``loose`` widens the joints between windows: a fit that is far off has none to speak of.
+    scores: list[Score]
+    """The largest gain first."""
+    chance: float
+    """Probability of a gain, under noise alone, that a candidate must stay below: see :func:`luck`."""
+
+
+def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loose: float, seed: int = 0) -> Look:
+    """Every variant that is not part of the fit already.
+
+    ``loose`` widens the joints between windows: a fit that is far off has none to speak of. ``seed`` is for what chance
+    gives.
     """
     taken = {name for name, _held, _free in fitted.hypothesis.effects}
     tried = [each for each in variants() if each.mechanism not in taken]
@@ -76,32 +90,72 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
         return found
 
     all_marks = workers.each(marks, recordings, fitted.states, fitted.predictions)
+    tried = [each for each in tried if all(each in found for found in all_marks)]
     prior, away = _prior(fitted)
-    scores = []
+    slots, size = {}, prior.size
     for variant in tried:
-        if not all(variant in each for each in all_marks):
-            continue
-        parts, places, count = [], [], len(variant.probes)
-        for i, data in enumerate(recordings):
-            columns, mark = fitted.columns[i], all_marks[i][variant]
-            parts.append(
-                quadratic(
-                    data,
-                    fitted.states[i],
-                    data.states,
-                    fitted.predictions[i],
-                    fitted.slopes[i],
-                    np.concatenate([columns[0], mark[0]]),
-                    np.concatenate([columns[1], mark[1]]),
-                    JOIN * loose,
-                )
+        # what each recording has a strength of its own for, stands behind that of the recordings before it
+        strengths = len(variant.probes) * (len(recordings) if variant.own else 1)
+        slots[variant] = np.arange(size, size + strengths)
+        size += strengths
+    parts, places = [], []
+    for i, data in enumerate(recordings):
+        columns, found = fitted.columns[i], [all_marks[i][variant] for variant in tried]
+        parts.append(
+            quadratic(
+                data,
+                fitted.states[i],
+                data.states,
+                fitted.predictions[i],
+                fitted.slopes[i],
+                np.concatenate([columns[0], *(mark[0] for mark in found)]),
+                np.concatenate([columns[1], *(mark[1] for mark in found)]),
+                JOIN * loose,
             )
-            # what each recording has a strength of its own for, stands behind that of the recordings before it
-            first = prior.size + (count * i if variant.own else 0)
-            places.append(np.concatenate([fitted.places[i], np.arange(first, first + count)]))
-        strengths = count * (len(recordings) if variant.own else 1)
-        scores.append(_score(variant, parts, places, strengths, prior, away))
-    return sorted(scores, key=lambda each: -each.gain)
+        )
+        own = [slots[each][len(each.probes) * i :][: len(each.probes)] if each.own else slots[each] for each in tried]
+        places.append(np.concatenate([fitted.places[i], *own]))
+    gradient, curvature = sum_quadratics(parts, places, size)
+    gradient[: prior.size] -= prior * away
+    known, probes = np.arange(prior.size), np.arange(prior.size, size)
+    curvature[known, known] += prior + 1e-9
+    # probes that the data do not feel must not divide by nothing
+    curvature[probes, probes] *= 1 + 1e-9
+    curvature[probes, probes] += 1e-9
+    scores = [_score(variant, gradient, curvature, prior.size, slots[variant]) for variant in tried]
+    chance = luck(curvature, prior.size, list(slots.values()), np.random.default_rng(seed))
+    return Look(sorted(scores, key=lambda each: -each.gain), chance)
+
+
+def luck(
+    curvature: np.ndarray, known: int, slots: Sequence[np.ndarray], rng: np.random.Generator, draws: int = 4000
+) -> float:
+    """The probability that a gain of one candidate must not exceed, for no candidate of so many to gain by chance.
+
+    A parametric bootstrap of the fitted model. Data drawn from it, with its noise, change the gradient by a normal
+    vector whose covariance is the curvature, so that it is drawn itself, and with it the gains of all candidates as
+    they go together. The smallest of their probabilities is kept from each draw (P. H. Westfall and S. S. Young,
+    Resampling-Based Multiple Testing, Wiley, 1993, Section 2.3); FALSE_ALARMS of the draws are below what is returned.
+
+    Args:
+        curvature: (p, p) of half the sum of squares over ``known`` parameters and then the probes of all candidates.
+        known: Parameters that are refitted beside every candidate.
+        slots: The places of each candidate's probes.
+        rng: To draw from.
+        draws: How many.
+    """
+    fixed, free = curvature[:known, :known], curvature[known:, known:]
+    left = free - curvature[known:, :known] @ np.linalg.solve(fixed, curvature[:known, known:])
+    scale = np.sqrt(np.maximum(np.diag(left), 1e-300))
+    power, modes = np.linalg.eigh(left / scale[:, None] / scale[None, :])
+    drawn = (rng.standard_normal((draws, power.size)) * np.sqrt(np.maximum(power, 0.0))) @ modes.T
+    smallest = np.ones(draws)
+    for slot in slots:
+        at = slot - known
+        own = left[np.ix_(at, at)] / scale[at][:, None] / scale[at][None, :]
+        squares = (drawn[:, at] @ np.linalg.pinv(own, 1e-9, hermitian=True) * drawn[:, at]).sum(axis=1)
+        smallest = np.minimum(smallest, chi2.sf(squares, at.size))
+    return float(np.quantile(smallest, FALSE_ALARMS))
 
 
 def _prior(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
@@ -111,24 +165,10 @@ def _prior(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
     return np.array([each.prior for each in parameters]), away
 
 
-def _score(
-    variant: Variant,
-    parts: Sequence[Quadratic],
-    places: Sequence[np.ndarray],
-    strengths: int,
-    prior: np.ndarray,
-    away: np.ndarray,
-) -> Score:
-    """Gain of the last ``strengths`` columns over the first ones alone."""
-    p = prior.size
-    gradient, curvature = sum_quadratics(parts, places, p + strengths)
-    gradient[:p] -= prior * away
-    known, tried = np.arange(p), np.arange(p, p + strengths)
-    curvature[known, known] += prior + 1e-9
-    # probes that the data do not feel must not divide by nothing
-    curvature[tried, tried] *= 1 + 1e-9
-    curvature[tried, tried] += 1e-9
-    step = np.linalg.solve(curvature, gradient)
-    with_it = 0.5 * float(gradient @ step)
+def _score(variant: Variant, gradient: np.ndarray, curvature: np.ndarray, p: int, slot: np.ndarray) -> Score:
+    """Gain of the probes at ``slot`` over the first ``p`` parameters alone."""
+    at = np.concatenate([np.arange(p), slot])
+    step = np.linalg.solve(curvature[np.ix_(at, at)], gradient[at])
+    with_it = 0.5 * float(gradient[at] @ step)
     without = 0.5 * float(gradient[:p] @ np.linalg.solve(curvature[:p, :p], gradient[:p])) if p else 0.0
     return Score(with_it - without, variant, step[p:], step[:p])
