@@ -34,7 +34,7 @@ from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS, KINDS, STEPS
 from drillenv.env.vector import DrillVectorEnv
 from training.export import policy_of
-from training.recipe import START, Recipe
+from training.recipe import CRITIC, START, Recipe
 from training.scaling import scaled
 
 if TYPE_CHECKING:
@@ -230,7 +230,7 @@ def _connected(address: str) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, or 2 on bad input."""
-    usual = Recipe()
+    usual = Recipe(**CRITIC)
     parser = Parser(prog="python -m training.cluster", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", required=True, help="folder for the policy")
     parser.add_argument("--address", default="local", help="local, auto or HOST:PORT (default local)")

@@ -9,11 +9,12 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor
 
 from controllers.policies import outputs_for
+from training.branches import BranchedPPO, Branches
 from training.recipe import START, Recipe
 from training.sb3 import DrillVecEnv
 from training.scaling import Scaled
 
-SLOWEST = 0.05
+SLOWEST = 0.02
 """Share of the learning rate that is left after the annealing."""
 MOST_GRADIENT = 0.5
 """Norm to which gradients are clipped."""
@@ -74,6 +75,9 @@ class Learner:
         if recipe.algo == "recurrent-ppo":
             policy["lstm_hidden_size"] = recipe.lstm
             return RecurrentPPO("MlpLstmPolicy", self.stacked, policy_kwargs=policy, **common)
+        if recipe.ahead:
+            branches = Branches(self.stacked, self.rigs, recipe.ahead, recipe.seed)
+            return BranchedPPO("MlpPolicy", branches, policy_kwargs=policy, vf_coef=0.0, **common)
         return PPO("MlpPolicy", self.stacked, policy_kwargs=policy, **common)
 
     def anneal(self) -> None:

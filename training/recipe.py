@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from types import MappingProxyType
 from typing import Any
 
 from controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
@@ -13,6 +14,17 @@ from drillenv.env.registration import IDS
 ALGORITHMS = ("ppo", "recurrent-ppo")
 START = (116.5, 0.45, 0.9)
 """Hz, V and bar that an untrained policy asks for: a careful setting that gives single blows on most rocks."""
+MOST_AHEAD = 100
+CRITIC: Mapping[str, Any] = MappingProxyType(
+    {
+        "ahead": 0,
+        "learning_rate": 5e-4,
+        "noise": (0.3, 0.3, 0.5),
+        "noise_end": (0.03, 0.02, 0.2),
+        "anneal": 600_000,
+    }
+)
+"""What goes with a critic: there the noise has to be large for an action to be told from others."""
 
 
 def option(default: Any, text: str) -> Any:
@@ -36,14 +48,15 @@ class Recipe:
     rollout: int = option(16, "steps of each rig between two updates")
     batch: int = option(256, "steps of a minibatch")
     epochs: int = option(5, "passes over the steps of an update")
-    learning_rate: float = option(5e-4, "of Adam, at the start")
+    learning_rate: float = option(1e-3, "of Adam, at the start")
     noise: tuple[float, ...] = option(
-        (0.3, 0.3, 0.5), "standard deviations of frequency, amplitude and pressure over amplitude at the start"
+        (0.2, 0.2, 0.4), "standard deviations of frequency, amplitude and pressure over amplitude at the start"
     )
-    noise_end: tuple[float, ...] = option((0.03, 0.02, 0.2), "the same at the end of the annealing")
-    anneal: int = option(600_000, "steps over which learning rate and noise go down; then they stay")
-    gamma: float = option(0.7, "discount of a control interval")
-    gae_lambda: float = option(0.6, "of the generalised advantage estimate")
+    noise_end: tuple[float, ...] = option((0.015, 0.01, 0.04), "the same at the end of the annealing")
+    anneal: int = option(300_000, "steps over which learning rate and noise go down; then they stay")
+    ahead: int = option(4, "intervals over which copies of the rigs measure what an action earns; 0 for a critic")
+    gamma: float = option(0.7, "discount of a control interval, of a critic")
+    gae_lambda: float = option(0.6, "of the generalised advantage estimate of a critic")
     clip: float = option(0.2, "of the ratio of probabilities")
     layers: tuple[int, ...] = option((64, 64), "units of each layer, of policy and value alike")
     activation: str = option("tanh", f"one of {', '.join(ACTIVATIONS)}")
@@ -65,6 +78,7 @@ class Recipe:
             "noise": _noise("noise", self.noise),
             "noise_end": _noise("noise_end", self.noise_end),
             "anneal": count("anneal", self.anneal, 1, 10**12),
+            "ahead": count("ahead", self.ahead, 0, MOST_AHEAD),
             "gamma": number("gamma", self.gamma, 0.0, 0.9999),
             "gae_lambda": number("gae_lambda", self.gae_lambda, 0.0, 1.0),
             "clip": number("clip", self.clip, 1e-3, 1.0),
@@ -76,6 +90,8 @@ class Recipe:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.ahead and self.algo == "recurrent-ppo":
+            raise InputError(f"ahead is {self.ahead}, but the copies of a rig have no memory: give recurrent-ppo 0")
         if self.batch > self.envs * self.rollout:
             raise InputError(
                 f"batch is {self.batch}, more than the {self.envs * self.rollout} steps of an update "

@@ -71,6 +71,9 @@ LINEAR = {
     "o_f", "o_a", "g",
 }  # fmt: skip
 """Symbols whose strength grows from nothing in proportion to the probe."""
+GRIPS = {"vs1"}
+"""Symbols of the speed at which friction sets in that may turn out to be 0, of dry friction that grips. Not that of the
+indenter: it grips in every period, and each jump of its acceleration across a sample spoils the derivatives."""
 SQUARED = {"s"}
 """Symbols that act by their square."""
 
@@ -631,7 +634,33 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
     """The fit on all samples."""
     if per_sample(now) > CLOSE:
         return fit(recordings, now.hypothesis, workers, now.values, now.states, (Stage(1e4, 3, 1),))
-    return fit(recordings, now.hypothesis, workers, now.values, now.states, NEARBY)
+    found = fit(recordings, now.hypothesis, workers, now.values, now.states, NEARBY)
+    dry = _dry(found)
+    if dry is None:
+        return found
+    try:
+        return min(found, fit(recordings, dry[0], workers, dry[1], found.states, NEARBY), key=lambda each: each.cost)
+    except (InputError, np.linalg.LinAlgError):
+        return found
+
+
+def _dry(found: Fit) -> tuple[Hypothesis, np.ndarray] | None:
+    """A hypothesis whose friction sets in as sharply as a fit can follow, with one that grips, and its values.
+
+    For finding friction the speed at which it sets in keeps a least value. Where it ends there, it is dry.
+    """
+    effects, kept = [], [True] * len(found.hypothesis.constants)
+    at = len(kept)
+    for name, held, free in found.hypothesis.effects:
+        sharp = [each.symbol in GRIPS and found.values[at + i] < 1.05 * each.low for i, each in enumerate(free)]
+        gone = tuple((each.symbol, 0.0) for each, is_sharp in zip(free, sharp, strict=True) if is_sharp)
+        stay = tuple(each for each, is_sharp in zip(free, sharp, strict=True) if not is_sharp)
+        effects.append((name, held + gone, stay))
+        kept += [not is_sharp for is_sharp in sharp]
+        at += len(free)
+    if all(kept):
+        return None
+    return found.hypothesis._replace(effects=tuple(effects)), found.values[kept]
 
 
 def _deviations(fitted: Fit) -> np.ndarray:

@@ -19,8 +19,8 @@ KINDS = {
     "plain": {"stack": 1, "layers": (16,), "activation": "tanh"},
     "relu": {"stack": 3, "layers": (32, 16, 8), "activation": "relu"},
     "shipped kind": {"stack": 4, "layers": (64, 64), "activation": "tanh"},
-    "recurrent": {"algo": "recurrent-ppo", "stack": 1, "layers": (16,), "lstm": 24},
-    "recurrent and stacked": {"algo": "recurrent-ppo", "stack": 2, "layers": (16, 16), "lstm": 8},
+    "recurrent": {"algo": "recurrent-ppo", "ahead": 0, "stack": 1, "layers": (16,), "lstm": 24},
+    "recurrent and stacked": {"algo": "recurrent-ppo", "ahead": 0, "stack": 2, "layers": (16, 16), "lstm": 8},
 }
 
 

@@ -49,11 +49,13 @@ def result_of(out, steps):
     "change",
     [
         {},
-        {"stack": 1, "gamma": 0.8, "activation": "relu"},
-        pytest.param({"algo": "recurrent-ppo", "lstm": 8, "stack": 1}, marks=pytest.mark.slow),
-        pytest.param({"algo": "recurrent-ppo", "lstm": 4, "env": "drillenv/DrillLayers-v0"}, marks=pytest.mark.slow),
+        {"stack": 1, "ahead": 0, "gamma": 0.8, "activation": "relu"},
+        pytest.param({"algo": "recurrent-ppo", "ahead": 0, "lstm": 8, "stack": 1}, marks=pytest.mark.slow),
+        pytest.param(
+            {"algo": "recurrent-ppo", "ahead": 0, "lstm": 4, "env": "drillenv/DrillLayers-v0"}, marks=pytest.mark.slow
+        ),
     ],
-    ids=["ppo", "ppo-unstacked", "recurrent", "recurrent-stacked"],
+    ids=["ppo", "critic-unstacked", "recurrent", "recurrent-stacked"],
 )
 def test_2n_is_n_stop_resume_n(tmp_path, change):
     recipe = Recipe(**(SMALL | change), evaluate_every=128, episodes=2, anneal=250, seed=7)
@@ -208,6 +210,8 @@ BAD = {
     "many envs": ["--out", "OUT", "--envs", "1000000000"],
     "stack": ["--out", "OUT", "--stack", "0"],
     "batch": ["--out", "OUT", "--envs", "2", "--rollout", "8", "--batch", "17"],
+    "ahead": ["--out", "OUT", "--ahead", "-1"],
+    "recurrent copies": ["--out", "OUT", "--algo", "recurrent-ppo"],
     "gamma": ["--out", "OUT", "--gamma", "1.5"],
     "learning rate": ["--out", "OUT", "--learning-rate", "nan"],
     "noise": ["--out", "OUT", "--noise", "0.1", "0", "0.1"],
@@ -255,7 +259,7 @@ def test_a_recipe_refuses_what_it_does_not_know():
 def test_learning_rate_and_noise_go_by_the_steps_done():
     recipe = Recipe(**SMALL, learning_rate=1e-3, noise=(0.4, 0.1, 1), noise_end=(0.1, 0.1, 0.25), anneal=1000)
     learner = Learner(recipe, threads=1)
-    end = (5e-5, (0.1, 0.1, 0.25))
+    end = (2e-5, (0.1, 0.1, 0.25))
     for steps, rate, noise in ((0, 1e-3, (0.4, 0.1, 1.0)), (500, 5e-4, (0.2, 0.1, 0.5)), (1000, *end), (10**9, *end)):
         learner.model.num_timesteps = steps
         learner.anneal()
@@ -277,8 +281,8 @@ def test_the_command_line(tmp_path):
 
 @pytest.mark.slow
 def test_training_makes_it_better(tmp_path):
-    """40 000 steps of the usual recipe, on layers: from a careful setting to well above it."""
+    """20 000 steps of the usual recipe, on layers: from a careful setting to well above it."""
     recipe = Recipe(evaluate_every=1024, episodes=8, seed=2)
-    result = train.train(recipe, 40_960, tmp_path / "run", quiet=True)
+    result = train.train(recipe, 20_480, tmp_path / "run", quiet=True)
     first = result["scores"][0][1]
-    assert result["score"] > first + 0.25
+    assert result["score"] > first + 0.5
