@@ -60,7 +60,7 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
     "drive-droop": (({}, ({"s": 0.001},)),),
     "air-spring": tuple(({"tau": tau}, ({"k_a": 500.0},)) for tau in (0.1, 0.3, 0.8)),
     "accelerometer-resonance": tuple(
-        ({"zeta_a": 0.03}, ({"f_a": f},)) for f in (2500.0, 3000.0, 3600.0, 4300.0, 5200.0, 6300.0, 8000.0)
+        ({"zeta_a": 0.03}, ({"f_a": f},)) for f in (2500.0, 3000.0, 3600.0, 4300.0, 5200.0, 6300.0, 8000.0, 11e3)
     ),
     "accelerometer-lowpass": (({}, ({"f_b": 20000.0},)), ({}, ({"f_b": 4000.0},))),
     "load-cell-inertia": (({}, ({"m_c": 0.01},)),),

@@ -15,6 +15,7 @@ from drillenv.diagnosis.candidates import FREED, SCANNED, SCANNED_JOINED, own_pa
 from drillenv.diagnosis.condition import Conditioned, condition, lag, white_noise
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
+from drillenv.diagnosis.shape import Line, lines_left
 from drillenv.diagnosis.shooting import Physics, Prediction, predict, residual, settle_states, window_costs
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign, Recording
@@ -63,8 +64,6 @@ MOST_LEFT, SMALL_PART = 1.32, 0.1
 than this share of what it was named to explain."""
 QUIETER = 0.97
 """Share of the noise below which it is told anew from what is left."""
-LINE = 30.0
-"""Power over its mean above which a single frequency in what is left is no noise (chance below 1e-8 a campaign)."""
 
 LINEAR = {
     "chi", "h", "soft", "s_r", "k3", "c2", "fc1", "fc2", "k_a", "m_c", "delay_e", "delay_f", "delay_a",
@@ -114,8 +113,8 @@ class Outcome:
     """That of the fitted model on those held out."""
     pairs: list[tuple[Prediction, Prediction]]
     """What was believed and what was found, of the recordings fitted and then of those held out."""
-    lines: list[tuple[str, str, float, float]] = field(default_factory=list)
-    """(recording, channel, Hz, power over its mean) left over."""
+    lines: list[Line] = field(default_factory=list)
+    """Frequencies left over."""
 
 
 def nominal_hypothesis(campaign: Campaign) -> Hypothesis:
@@ -215,24 +214,6 @@ def replay(recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: W
     alone = Hypothesis((), tuple(effects), hypothesis.base)
     apart = fit(recordings, alone, workers, stages=(ALONE,))
     return joined(recordings, alone, workers, apart.values, apart.states)
-
-
-def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[str, str, float, float]]:
-    """Frequencies that stand out of what is left: (recording, channel, Hz, power over its mean).
-
-    Multiples of the excitation's are those of any misfit of the motion, and are passed over.
-    """
-    found = []
-    for data, made in zip(recordings, fitted.predictions, strict=True):
-        left = residual(data, made)[:, data.judged]
-        for channel, signal in zip(("force", "acceleration"), left, strict=True):
-            power = np.abs(np.fft.rfft(signal)) ** 2 / signal.size
-            own = np.arange(power.size) * data.rate / signal.size / data.setting.frequency
-            power[np.abs(own - np.round(own)) * data.setting.frequency < 1.5 * data.rate / signal.size] = 0.0
-            top = int(np.argmax(power))
-            if power[top] > LINE:
-                found.append((data.name, channel, top * data.rate / signal.size, float(power[top])))
-    return found
 
 
 def quieted(recordings: list[Conditioned], fitted: Fit) -> list[Conditioned]:
@@ -421,8 +402,10 @@ def _next(
             continue
         say(f"trying {mechanism} (gain {rival.gain:.0f} at first look)")
         stages, start = LOOSE, loosely
-        if REGISTRY[mechanism].grips is None and (close or hidden):
-            stages, start = NEARBY if close else JOINED, now
+        if REGISTRY[mechanism].grips is None and hidden:
+            stages, start = JOINED, now
+        elif REGISTRY[mechanism].grips is None and rival.look == "joined" and per_sample(now) <= CLOSE:
+            stages, start = NEARBY, now
         hypothesis, values = extended(now if rival.look == "joined" else loosely, rival.score, thin)
         try:
             tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers))

@@ -157,7 +157,7 @@ def drawn_effect(name: str, rng: np.random.Generator, share: float = 1.0) -> Cho
         if entry.symbol in GROWING:
             value = entry.neutral + share * (value - entry.neutral)
         elif entry.symbol in SHRINKING:
-            value /= share
+            value /= share ** SHRINKING[entry.symbol]
         values[entry.symbol] = value
     return make(name, **values)
 
@@ -169,8 +169,9 @@ GROWING = {
 """Symbols that say how strong an effect is, 0 (or 1, of an exponent) where it is not there."""
 SMOOTHED = {"vs1": (1e-3, 4e-3), "vs2": (1e-3, 4e-2)}
 """Speeds in m/s over which every other friction sets in."""
-SHRINKING = {"f_a", "f_b", "F_max"}
-"""Symbols that say how strong it is by being small."""
+SHRINKING = {"f_a": 0.5, "f_b": 1.0, "F_max": 1.0}
+"""Symbols that say how strong it is by being small, with the power of the strength that they go by: below its resonance
+an accelerometer is wrong by the square of the frequency over f_a."""
 
 
 def _in_phase(chosen: Chosen, rng: np.random.Generator) -> Chosen:

@@ -19,6 +19,7 @@ from drillenv.diagnosis.fit import UNITS, Fit
 from drillenv.diagnosis.one_body import diagnose_body
 from drillenv.diagnosis.page import Trace, Wave, page
 from drillenv.diagnosis.separate import separation
+from drillenv.diagnosis.shape import described
 from drillenv.diagnosis.shooting import residual
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.sensors import PerChannel
@@ -213,13 +214,12 @@ def _where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
         for key in {_cell(each) for each in cells}
     }
     channel, regime = max(surplus, key=lambda key: surplus[key])
-    lines = ", ".join(sorted({f"{frequency:.1f} Hz" for _name, _channel, frequency, _power in outcome.lines})[:6])
-    text = f"Most of what is left is in the {channel}, {regime}."
+    text = [f"Most of what is left is in the {channel}, {regime}.", *described(outcome.fit_data, outcome.final)]
     return {
         "balance": "contact" if channel == "force" and regime != "no contact" else "indenter",
         "regimes": [regime],
         "recordings": sorted({each["recording"] for each in cells if each["mean_square"] > 1.1}),
-        "summary": text + (f" It is periodic: {lines}." if lines else ""),
+        "summary": " ".join(text),
     }
 
 

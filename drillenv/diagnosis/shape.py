@@ -1,0 +1,215 @@
+"""What is left, in words: periodic or not, when in a recording, at which impacts, at which settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.fit import Fit
+from drillenv.diagnosis.shooting import residual
+
+CHANNELS = (("force", "N"), ("acceleration", "m/s^2"))
+LINE = 30.0
+"""Power over its mean above which a single frequency in what is left is no noise (chance below 1e-8 a campaign)."""
+SAME = 15.0
+"""The same for a frequency that stood out elsewhere."""
+MOST = 0.6
+"""Share of the recordings that have to have a frequency for it to be one of the rig."""
+HIGHEST = 2000.0
+"""Hz up to which common frequencies are looked for."""
+TREND, SURE = 0.35, 1e-4
+"""Rank correlation, and its probability under chance, from which what is left grows or fades."""
+FEW, BULK = 0.25, 0.8
+"""What is left is on single impacts where so few of the windows have so much of it."""
+BINS, NARROW = 8, 0.6
+"""Parts of an excitation period, and the share in two neighbours from which what is left sits at a phase."""
+SETTING = 0.9
+"""Rank correlation over recordings from which what is left goes with a setting."""
+
+
+class Line(NamedTuple):
+    """A frequency that stands out of what is left of one channel."""
+
+    recording: str
+    channel: str
+    frequency: float
+    """Hz."""
+    power: float
+    """Over that of white noise as strong as the sensor's."""
+
+
+class Common(NamedTuple):
+    """A frequency that the recordings share, whatever their excitation."""
+
+    channel: str
+    frequency: float
+    """Hz."""
+    amplitude: float
+    """Median over the recordings, in the channel's unit."""
+    recordings: int
+    """That have it."""
+    of: int
+    """Whose excitation does not hide it."""
+
+
+def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[Line]:
+    """The frequency that stands out most of each recording and channel, if one does.
+
+    Multiples of the excitation's are those of any misfit of the motion, and are passed over.
+    """
+    found = []
+    for data, made in zip(recordings, fitted.predictions, strict=True):
+        left = residual(data, made)[:, data.judged]
+        for (channel, _unit), signal in zip(CHANNELS, left, strict=True):
+            power = np.abs(np.fft.rfft(signal)) ** 2 / signal.size
+            bins = np.arange(power.size) * data.rate / signal.size
+            power[_hidden(bins, data.setting.frequency, 1.5 * data.rate / signal.size)] = 0.0
+            top = int(np.argmax(power))
+            if power[top] > LINE:
+                found.append(Line(data.name, channel, float(bins[top]), float(power[top])))
+    return found
+
+
+def _hidden(bins: np.ndarray, excitation: float, near: float) -> np.ndarray:
+    """Which frequencies are multiples of that of the excitation."""
+    return np.abs(bins - excitation * np.round(bins / excitation)) < near
+
+
+def common_line(recordings: Sequence[Conditioned], fitted: Fit) -> Common | None:
+    """The strongest frequency that most recordings share, if there is one."""
+    best: tuple[float, Common] | None = None
+    for row, (channel, _unit) in enumerate(CHANNELS):
+        spectra = []
+        for data, made in zip(recordings, fitted.predictions, strict=True):
+            signal = residual(data, made)[row, data.judged]
+            window = np.hanning(signal.size)
+            power = np.abs(np.fft.rfft(signal * window)) ** 2 / np.sum(window**2)
+            bins = np.arange(power.size) * data.rate / signal.size
+            width = data.rate / signal.size
+            half = 0.5 * data.setting.frequency
+            power[_hidden(bins, half, 2.5 * width) | (bins < 2 * width) | (bins > HIGHEST)] = np.nan
+            noise = data.noise_force if channel == "force" else data.noise_acceleration
+            spectra.append((bins, power, width, 2.0 * noise * math.sqrt(np.sum(window**2)) / np.sum(window)))
+        for bins, power, _width, _scale in spectra:
+            if not np.isfinite(power).any() or np.nanmax(power) < LINE:
+                continue
+            common = _shared(channel, float(bins[np.nanargmax(power)]), spectra)
+            if common is not None and (best is None or common[0] > best[0]):
+                best = common
+    return None if best is None else best[1]
+
+
+def _shared(channel: str, frequency: float, spectra: Sequence[tuple]) -> tuple[float, Common] | None:
+    """How strongly the recordings share a frequency of one of them: the median of its power, and what to say of it."""
+    powers, places, sizes = [], [], []
+    for bins, power, width, scale in spectra:
+        near = np.flatnonzero(np.abs(bins - frequency) < 2.0 * width)
+        if not near.size or np.isnan(power[near]).any():
+            continue
+        top = near[np.argmax(power[near])]
+        powers.append(power[top])
+        # the centre of the three bins of a Hann window's peak
+        around = slice(max(top - 1, 0), top + 2)
+        places.append(float(np.nansum(power[around] * bins[around]) / np.nansum(power[around])))
+        sizes.append(scale * math.sqrt(power[top]))
+    strong = np.array(powers) > SAME
+    if len(powers) < 3 or strong.mean() < MOST:
+        return None
+    place = float(np.average(places, weights=powers))
+    found = Common(channel, place, float(np.median(sizes)), int(strong.sum()), len(powers))
+    return float(np.median(powers)), found
+
+
+def described(recordings: Sequence[Conditioned], fitted: Fit) -> list[str]:
+    """What is left, in sentences."""
+    said = []
+    line = common_line(recordings, fitted)
+    if line is not None:
+        unit = dict(CHANNELS)[line.channel]
+        said.append(
+            f"It is periodic at {line.frequency:.1f} Hz, unrelated to the excitation, in {line.recordings} of "
+            f"{line.of} recordings; in the {line.channel} with an amplitude of about {line.amplitude:.2g} {unit}."
+        )
+    windows = _windows(recordings, fitted)
+    excess = np.concatenate([each[1] for each in windows])
+    total = float(np.maximum(excess, 0.0).sum())
+    if total <= 0.0:
+        return said
+    said += _in_time(recordings, windows)
+    ranked = np.sort(excess)[::-1]
+    few = int(np.searchsorted(np.cumsum(ranked), BULK * float(excess.sum()))) + 1
+    if float(excess.sum()) > 0.0 and few < FEW * excess.size:
+        said.append(f"{few} of {excess.size} impacts have {BULK:.0%} of it.")
+    said += _at_phase(recordings, fitted)
+    said += _by_setting(recordings, windows)
+    return said
+
+
+def _windows(recordings: Sequence[Conditioned], fitted: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(windows,) times in s and surplus of the sum of squares over the noise's, of each recording."""
+    found = []
+    for data, made in zip(recordings, fitted.predictions, strict=True):
+        squares = (residual(data, made) ** 2).sum(axis=0)
+        starts = data.starts[(data.starts >= data.judged.start) & (data.starts <= data.judged.stop)]
+        sums = np.add.reduceat(squares, starts[:-1])
+        found.append((starts[:-1] / data.rate, sums - 2.0 * np.diff(starts)))
+    return found
+
+
+def _in_time(recordings: Sequence[Conditioned], windows: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[str]:
+    """Whether it grows or fades in a recording, and whether it is one of fresh rock."""
+    times = np.concatenate([time - time.mean() for time, _sums in windows])
+    # as a share of each recording's own, so that a setting at which there is more of it is no trend
+    ranks = np.concatenate([np.argsort(np.argsort(sums)) / max(sums.size - 1, 1) - 0.5 for _time, sums in windows])
+    found: Any = spearmanr(times, ranks)
+    trend, chance = float(found.statistic), float(found.pvalue)
+    said = []
+    if abs(trend) > TREND and chance < SURE:
+        said.append(f"It {'grows' if trend > 0.0 else 'fades'} in the course of a recording.")
+    fresh = np.array([data.fresh for data in recordings])
+    if fresh.any() and not fresh.all():
+        each = np.array([sums.mean() for _time, sums in windows])
+        if np.median(each[fresh]) > 10.0 * max(float(np.median(each[~fresh])), 1.0):
+            said.append("It is one of fresh rock.")
+    return said
+
+
+def _at_phase(recordings: Sequence[Conditioned], fitted: Fit) -> list[str]:
+    """Whether it sits in one part of the excitation period."""
+    surplus = np.zeros(BINS)
+    for data, made in zip(recordings, fitted.predictions, strict=True):
+        squares = (residual(data, made) ** 2).sum(axis=0) - 2.0
+        at = np.arange(data.force.size)[data.judged]
+        turn = np.mod((data.phase + data.omega * at / data.rate) / (2 * math.pi), 1.0)
+        surplus += np.bincount((turn * BINS).astype(int) % BINS, squares[data.judged], BINS)
+    total = surplus.sum()
+    if total <= 0.0:
+        return []
+    pairs = surplus + np.roll(surplus, -1)
+    top = int(np.argmax(pairs))
+    if pairs[top] < NARROW * total:
+        return []
+    low, high = top * 360 / BINS, (top + 2) * 360 / BINS
+    return [f"{pairs[top] / total:.0%} of it is where the excitation's phase is {low:.0f} to {high:.0f} degrees."]
+
+
+def _by_setting(recordings: Sequence[Conditioned], windows: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[str]:
+    """Whether there is more of it at a high or low frequency, amplitude or pressure."""
+    if len(recordings) < 5:
+        return []
+    each = np.array([sums.mean() for _time, sums in windows])
+    said = []
+    for name in ("frequency", "amplitude", "pressure"):
+        values = np.array([getattr(data.setting, name) for data in recordings])
+        if np.ptp(values) == 0.0:
+            continue
+        found: Any = spearmanr(values, each)
+        along = float(found.statistic)
+        if abs(along) > SETTING:
+            said.append(f"There is more of it at {'high' if along > 0.0 else 'low'} {name}.")
+    return said
