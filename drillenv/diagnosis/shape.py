@@ -64,20 +64,27 @@ def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[Line]:
     """
     found = []
     for data, made in zip(recordings, fitted.predictions, strict=True):
-        left = residual(data, made)[:, data.judged]
-        for (channel, _unit), signal in zip(CHANNELS, left, strict=True):
-            power = np.abs(np.fft.rfft(signal)) ** 2 / signal.size
-            bins = np.arange(power.size) * data.rate / signal.size
-            power[_hidden(bins, data.setting.frequency, 1.5 * data.rate / signal.size)] = 0.0
+        for (channel, _unit), signal in zip(CHANNELS, residual(data, made)[:, data.judged], strict=True):
+            bins, power = _spectrum(signal, data.rate)
+            power[_hidden(bins, data.setting.frequency)] = 0.0
             top = int(np.argmax(power))
             if power[top] > LINE:
                 found.append(Line(data.name, channel, float(bins[top]), float(power[top])))
     return found
 
 
-def _hidden(bins: np.ndarray, excitation: float, near: float) -> np.ndarray:
-    """Which frequencies are multiples of that of the excitation."""
-    return np.abs(bins - excitation * np.round(bins / excitation)) < near
+def _spectrum(signal: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in Hz, and power there over that of white noise of standard deviation 1, through a Hann window.
+
+    Without a window a misfit of the motion would leak from the multiples of the excitation to frequencies beside them.
+    """
+    window = np.hanning(signal.size)
+    return np.fft.rfftfreq(signal.size, 1.0 / rate), np.abs(np.fft.rfft(signal * window)) ** 2 / np.sum(window**2)
+
+
+def _hidden(bins: np.ndarray, excitation: float) -> np.ndarray:
+    """Which frequencies are multiples of that of the excitation, as wide as a Hann window makes them."""
+    return np.abs(bins - excitation * np.round(bins / excitation)) < 2.5 * bins[1]
 
 
 def common_line(recordings: Sequence[Conditioned], fitted: Fit) -> Common | None:
@@ -87,15 +94,14 @@ def common_line(recordings: Sequence[Conditioned], fitted: Fit) -> Common | None
         spectra = []
         for data, made in zip(recordings, fitted.predictions, strict=True):
             signal = residual(data, made)[row, data.judged]
-            window = np.hanning(signal.size)
-            power = np.abs(np.fft.rfft(signal * window)) ** 2 / np.sum(window**2)
-            bins = np.arange(power.size) * data.rate / signal.size
-            width = data.rate / signal.size
-            half = 0.5 * data.setting.frequency
-            power[_hidden(bins, half, 2.5 * width) | (bins < 2 * width) | (bins > HIGHEST)] = np.nan
+            bins, power = _spectrum(signal, data.rate)
+            hidden = _hidden(bins, 0.5 * data.setting.frequency) | (bins < 2.0 * bins[1]) | (bins > HIGHEST)
+            power[hidden] = np.nan
             noise = data.noise_force if channel == "force" else data.noise_acceleration
-            spectra.append((bins, power, width, 2.0 * noise * math.sqrt(np.sum(window**2)) / np.sum(window)))
-        for bins, power, _width, _scale in spectra:
+            # of a line under a Hann window
+            amplitude = noise * math.sqrt(6.0 / signal.size)
+            spectra.append((bins, power, bins[1], amplitude))
+        for bins, power, _width, _amplitude in spectra:
             if not np.isfinite(power).any() or np.nanmax(power) < LINE:
                 continue
             common = _shared(channel, float(bins[np.nanargmax(power)]), spectra)
@@ -107,8 +113,8 @@ def common_line(recordings: Sequence[Conditioned], fitted: Fit) -> Common | None
 def _shared(channel: str, frequency: float, spectra: Sequence[tuple]) -> tuple[float, Common] | None:
     """How strongly the recordings share a frequency of one of them: the median of its power, and what to say of it."""
     powers, places, sizes = [], [], []
-    for bins, power, width, scale in spectra:
-        near = np.flatnonzero(np.abs(bins - frequency) < 2.0 * width)
+    for bins, power, width, amplitude in spectra:
+        near = np.flatnonzero(np.abs(bins - frequency) < 1.2 * width)
         if not near.size or np.isnan(power[near]).any():
             continue
         top = near[np.argmax(power[near])]
@@ -116,7 +122,7 @@ def _shared(channel: str, frequency: float, spectra: Sequence[tuple]) -> tuple[f
         # the centre of the three bins of a Hann window's peak
         around = slice(max(top - 1, 0), top + 2)
         places.append(float(np.nansum(power[around] * bins[around]) / np.nansum(power[around])))
-        sizes.append(scale * math.sqrt(power[top]))
+        sizes.append(amplitude * math.sqrt(power[top]))
     strong = np.array(powers) > SAME
     if len(powers) < 3 or strong.mean() < MOST:
         return None
