@@ -48,7 +48,12 @@ def policy_of(
     weights: Mapping[str, np.ndarray], recipe: Recipe, steps: int, score: float | None, scenario: str = "validation"
 ) -> Policy:
     """The policy with these weights, as one that says where it comes from."""
-    provenance: dict[str, str | float] = {"algorithm": recipe.algo, "seed": recipe.seed, "steps": steps}
+    provenance: dict[str, str | float] = {
+        "algorithm": recipe.algo,
+        "ahead": recipe.ahead,
+        "seed": recipe.seed,
+        "steps": steps,
+    }
     if score is not None:
         provenance |= {"score": score, "score_unit": "mm/s", "scenario": scenario, "episodes": recipe.episodes}
     return Policy(

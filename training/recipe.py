@@ -53,7 +53,7 @@ class Recipe:
         (0.2, 0.2, 0.4), "standard deviations of frequency, amplitude and pressure over amplitude at the start"
     )
     noise_end: tuple[float, ...] = option((0.015, 0.01, 0.04), "the same at the end of the annealing")
-    anneal: int = option(300_000, "steps over which learning rate and noise go down; then they stay")
+    anneal: int = option(240_000, "steps over which learning rate and noise go down; then they stay")
     ahead: int = option(4, "intervals over which copies of the rigs measure what an action earns; 0 for a critic")
     gamma: float = option(0.7, "discount of a control interval, of a critic")
     gae_lambda: float = option(0.6, "of the generalised advantage estimate of a critic")
@@ -61,7 +61,7 @@ class Recipe:
     layers: tuple[int, ...] = option((64, 64), "units of each layer, of policy and value alike")
     activation: str = option("tanh", f"one of {', '.join(ACTIVATIONS)}")
     lstm: int = option(64, "units of the LSTM of recurrent-ppo")
-    evaluate_every: int = option(25_000, "steps between two evaluations on the scenario validation; 0 for none")
+    evaluate_every: int = option(20_000, "steps between two evaluations on the scenario validation; 0 for none")
     episodes: int = option(30, "episodes of an evaluation")
 
     def __post_init__(self) -> None:

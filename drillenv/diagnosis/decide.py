@@ -267,11 +267,13 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
                 steps.append(step)
                 loosely, now = step.loosely, step.fitted
                 say(f"{step.mechanism}: gain {step.gain:.0f}")
+        # what acts on the shaker shows only where windows join
+        hidden = per_sample(now) > FLOOR >= per_sample(loosely)
         for _look in range(2 * MOST):
             if len(steps) == MOST:
                 break
             say(f"looking for what is missing ({per_sample(now):.3f} of the noise is left)")
-            step, rejected, better = _next(thin, now, loosely, workers, say)
+            step, rejected, better = _next(thin, now, loosely, hidden, workers, say)
             news, now = better is not now, better
             if not steps:
                 plain = now
@@ -292,7 +294,9 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         quiet = quieted(fit_data, final)
         if quiet is not fit_data:
             fit_data, final = quiet, _full(quiet, final, workers)
-        left, lines = per_sample(final), lines_left(fit_data, final)
+        # a fit that is far off is laid onto all samples window by window, which would hide what shows at their joints
+        left = max(per_sample(final), per_sample(now)) if per_sample(now) > CLOSE else per_sample(final)
+        lines = lines_left(fit_data, final)
         say("the recordings held out")
         nominal = plain_hypothesis.held_at(np.array([each.value for each in plain_hypothesis.constants]))
         before, pairs = _believed(fit_data, nominal, final.predictions, workers)
@@ -378,7 +382,7 @@ def _tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers
 
 
 def _next(
-    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
+    thin: list[Conditioned], now: Fit, loosely: Fit, hidden: bool, workers: Workers, say: Callable[[str], object]
 ) -> tuple[Step | None, list[tuple[str, float, str]], Fit]:
     """The mechanism to add, those passed over with the reason, and the fit without it, which may be better by now."""
     close, beside = per_sample(now) <= FLOOR, bool(now.hypothesis.effects)
@@ -391,8 +395,6 @@ def _next(
             rivals.append(each)
     if not rivals:
         return None, passed, now
-    # what acts on the shaker shows only where windows join
-    hidden = not close and per_sample(loosely) <= FLOOR
     tried: list[Tried] = []
     winner: Rival | None = None
     for rival in rivals:
@@ -402,8 +404,8 @@ def _next(
             continue
         say(f"trying {mechanism} (gain {rival.gain:.0f} at first look)")
         stages, start = LOOSE, loosely
-        if REGISTRY[mechanism].grips is None and hidden:
-            stages, start = JOINED, now
+        if hidden and not close:
+            stages, start = JOINED, now if REGISTRY[mechanism].grips is None else loosely
         elif REGISTRY[mechanism].grips is None and rival.look == "joined" and per_sample(now) <= CLOSE:
             stages, start = NEARBY, now
         hypothesis, values = extended(now if rival.look == "joined" else loosely, rival.score, thin)
@@ -415,7 +417,7 @@ def _next(
         if winner is None and per_sample(tried[-1].fitted) <= FLOOR:
             winner = rival
     tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
-    if tried:
+    if tried and _noticed(now, tried[0].fitted) and not (hidden and per_sample(tried[0].fitted) > CLOSE):
         tried[0] = _onward(thin, tried[0], workers)
     if not beside and per_sample(now) < FAR and (not tried or per_sample(tried[0].fitted) > FLOOR):
         tried += _scan_joined(thin, now, workers, say) if hidden else _scan(thin, now, loosely, workers, say)
@@ -430,10 +432,15 @@ def _next(
     passed += [(name, now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
         return None, [*passed, (best.mechanism, gain, "gains too little once fitted")], now
-    if per_sample(best.fitted) > FLOOR and gain < NOTICED * (now.cost - now.cost / per_sample(now)):
+    if not _noticed(now, best.fitted):
         return None, [*passed, (best.mechanism, gain, "explains next to nothing of it")], now
     same = {name: other for name, other in others.items() if other.cost - best.fitted.cost < EQUAL}
     return Step(best.mechanism, gain, needed, best.loosely, best.fitted, same), passed, now
+
+
+def _noticed(now: Fit, better: Fit) -> bool:
+    """Whether a fit leaves nothing but noise, or explains a share worth having of what another leaves."""
+    return per_sample(better) <= FLOOR or now.cost - better.cost > NOTICED * (now.cost - now.cost / per_sample(now))
 
 
 class Rival(NamedTuple):
@@ -528,6 +535,9 @@ def _try(thin, mechanism: str, hypothesis: Hypothesis, values, states, stages, w
         InputError: the motion cannot be followed.
         LinAlgError: the data say nothing of it.
     """
+    if stages is JOINED:
+        free = joined(thin, hypothesis, workers, values, states)
+        return Tried(mechanism, free, free)
     free = fit(thin, hypothesis, workers, values, states, stages)
     return Tried(mechanism, free, _tightened(thin, free, workers) if stages[-1].settle else free)
 

@@ -47,8 +47,9 @@ BEGUN = ("N0", "s0")
 """Symbols for the first extra state of an effect as a recording of a running rig begins."""
 STEP = 0.02
 """Standard deviations by which a constant is moved for its derivative."""
-CONVERGED = 0.3
-"""A round that lowers half the sum of squares by less than this ends a stage."""
+CONVERGED, CRAWLING = 0.3, 0.01
+"""A round that lowers half the sum of squares by less than this, or than this share of what it is above the noise's,
+ends a stage."""
 
 
 class Stage(NamedTuple):
@@ -307,7 +308,7 @@ def fit(
     slopes: list[Slopes] = []
     columns: list = []
     places = [hypothesis.acting_on(data.name) for data in recordings]
-    cost = np.inf
+    cost, noise = np.inf, float(sum(data.judged.stop - data.judged.start for data in recordings))
 
     def look(stage: Stage) -> None:
         """Slopes and quadratics where the fit stands."""
@@ -381,7 +382,7 @@ def fit(
             taken += 1
             if note is not None:
                 note(f"round {taken}: {cost:.1f}")
-            if gained < CONVERGED:
+            if gained < max(CONVERGED, CRAWLING * (cost - noise)):
                 break
     look(stages[-1])
     return Fit(hypothesis, at, now, made, parts, slopes, columns, places, cost, taken)

@@ -21,7 +21,16 @@ from training.learner import Learner
 from training.recipe import Recipe, read_recipe
 from training.rollout import rollout
 
-SMALL = {"env": "drillenv/Drill-v0", "envs": 4, "stack": 2, "rollout": 8, "batch": 16, "epochs": 1, "layers": (8,)}
+SMALL = {
+    "env": "drillenv/Drill-v0",
+    "envs": 4,
+    "stack": 2,
+    "rollout": 8,
+    "batch": 16,
+    "epochs": 1,
+    "ahead": 2,
+    "layers": (8,),
+}
 STEPS = 10 * 32
 """Ten updates; an episode of 80 steps ends in the tenth."""
 
@@ -115,7 +124,7 @@ def test_killed_at_random_moments_it_gives_the_same_policy(tmp_path):
     recipe = Recipe(**SMALL, evaluate_every=512, episodes=1, anneal=2000, seed=3)
     steps = 64 * 32
     options = ["--quiet", "--threads", "1", "--timesteps", str(steps), "--checkpoint-seconds", "0.02"]
-    for name in ("env", "envs", "stack", "rollout", "batch", "epochs", "layers", "evaluate_every", "episodes"):
+    for name in (*SMALL, "evaluate_every", "episodes"):
         value = getattr(recipe, name)
         options += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else (value,))]
     options += ["--anneal", str(recipe.anneal), "--seed", str(recipe.seed)]
