@@ -1,0 +1,83 @@
+"""Advantages measured on copies of the rigs: against single rigs, and what they leave alone."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from controllers.policies import actions_of, outputs_for
+from training.branches import Branches
+from training.learner import Learner
+from training.recipe import START, Recipe
+
+SMALL = {"env": "drillenv/DrillLayers-v0", "envs": 3, "stack": 2, "rollout": 8, "batch": 8, "layers": (8,), "seed": 5}
+
+
+def begun(ahead, **change):
+    """A learner whose rigs have drilled for a while, and what measures its actions."""
+    learner = Learner(Recipe(**(SMALL | change), ahead=ahead), threads=1)
+    learner.model.learn(2 * learner.recipe.update)
+    branches = learner.model.env
+    assert isinstance(branches, Branches)
+    return learner, branches
+
+
+@pytest.mark.parametrize("ahead", [1, 3])
+def test_an_advantage_is_the_difference_of_two_futures(ahead):
+    """The same two futures on single environments, for a policy that asks for the same whatever it sees."""
+    learner, branches = begun(ahead)
+    with torch.no_grad():
+        learner.model.policy.action_net.weight.zero_()
+        learner.model.policy.action_net.bias.copy_(torch.from_numpy(outputs_for(*START)))
+    mean = outputs_for(*START).astype(np.float32)
+    outputs = mean + np.array([[-0.3, 0.1, 0.2], [0.0, 0.3, 0.5], [0.0, 0.0, 0.0]], dtype=np.float32)
+    branches.step_async(outputs)
+    found = branches.measured[-1]
+    env = gym.make(SMALL["env"]).unwrapped
+    env.reset(seed=0)
+    for i in range(3):
+        earned = []
+        for first in (outputs[i], mean):
+            env.set_state(learner.rigs.rigs.get_state(i))
+            rewards = [float(env.step(actions_of(each))[1]) for each in [first] + [mean] * (ahead - 1)]
+            earned.append(sum(rewards))
+        assert found[i] == pytest.approx(earned[0] - earned[1], abs=1e-12)
+    assert found[2] == 0.0 and np.abs(found[:2]).min() > 1e-4
+
+
+def test_both_futures_see_the_same_and_go_on_as_the_policy_would():
+    """For a policy that answers to what it sees, the mean action is worth nothing more than itself, noise or not."""
+    learner, branches = begun(4)
+    seen = torch.from_numpy(learner.stacked.stacked_obs.stacked_obs)
+    with torch.no_grad():
+        branches.model.policy.action_net.weight.mul_(10.0)
+        mean = branches.model.policy.get_distribution(seen).mode().numpy()
+    branches.step_async(mean)
+    np.testing.assert_allclose(branches.measured[-1], 0.0, atol=1e-6)
+    branches.step_async(mean - np.array([0.0, 0.2, 0.2], dtype=np.float32))
+    assert np.abs(branches.measured[-1]).min() > 1e-4
+
+
+def test_the_rigs_do_not_notice():
+    learner, branches = begun(3)
+    rigs = learner.rigs.rigs
+    before = [rigs.get_state(i) for i in range(3)]
+    branches.step_async(np.full((3, 3), 0.3, dtype=np.float32))
+    for i in range(3):
+        now = rigs.get_state(i)
+        assert now.noise == before[i].noise and now.rig.reward == before[i].rig.reward
+        for one, other in zip(now.rig.arrays, before[i].rig.arrays, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_an_update_goes_by_what_was_measured_with_its_outliers_cut():
+    learner, branches = begun(2)
+    buffer = learner.model.rollout_buffer
+    measured = np.array(branches.measured).T.ravel()  # rig by rig, as the buffer has them after an update
+    taken = buffer.advantages.ravel()
+    order = np.argsort(np.abs(measured))
+    usual, others = order[:-3], order[-3:]  # a tenth of 24 is cut
+    np.testing.assert_allclose(taken[usual], measured[usual], rtol=1e-5)
+    most = np.abs(taken).max()
+    np.testing.assert_allclose(taken[others], np.sign(measured[others]) * most, rtol=1e-5)
+    assert np.abs(measured[usual]).max() < most < np.abs(measured).max()
