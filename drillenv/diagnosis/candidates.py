@@ -58,7 +58,7 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
         ),
     ),
     "drive-droop": (({}, ({"s": 0.001},)),),
-    "air-spring": tuple(({"tau": tau}, ({"k_a": 500.0},)) for tau in (0.1, 0.3, 0.8)),
+    "air-spring": tuple(({"tau": tau}, ({"k_a": 500.0},)) for tau in (0.3, 0.8)),
     "accelerometer-resonance": tuple(
         ({"zeta_a": 0.03}, ({"f_a": f},)) for f in (2500.0, 3000.0, 3600.0, 4300.0, 5200.0, 6300.0, 8000.0, 11e3)
     ),
@@ -116,6 +116,8 @@ FREED = {
     "indenter-friction": ("fc2", "vs2"),
 }
 """Parameters fitted for good where they are more than those of the probes."""
+FREED_LATE = {"air-spring": ("tau",)}
+"""Parameters freed when those beside them are near: from afar a fit of both runs into a valley of stiff air that leaks."""
 DELAY = (5e-5, 4e-4)
 SIZES = {"delay_e": DELAY, "delay_f": DELAY, "delay_a": DELAY, "vs1": (5e-4, 5e-3), "vs2": (1e-3, 5e-2)}
 """Usual sizes where they are not the registry's: any channel may lag, and a dry guide is seldom perfectly dry."""

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.candidates import FREED, SCANNED, SCANNED_JOINED, own_parameters, parameter, usual
+from drillenv.diagnosis.candidates import FREED, FREED_LATE, SCANNED, SCANNED_JOINED, own_parameters, parameter, usual
 from drillenv.diagnosis.condition import Conditioned, condition, lag, white_noise
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
@@ -389,9 +389,9 @@ def _next(
     ranked, chance = _looks(thin, now, loosely, workers, close)
     rivals, passed = [], []
     for each in ranked:
-        if each.gain <= threshold(len(each.score.strengths), chance, beside):
+        if each.gain <= threshold(len(each.scores[each.look].strengths), chance, beside):
             passed.append((each.mechanism, each.gain, "gains too little"))
-        elif each.share >= WORTH and len(rivals) < RIVALS:
+        elif each.shares[each.look] >= WORTH and len(rivals) < RIVALS:
             rivals.append(each)
     if not rivals:
         return None, passed, now
@@ -408,7 +408,9 @@ def _next(
             stages, start = JOINED, now if REGISTRY[mechanism].grips is None else loosely
         elif REGISTRY[mechanism].grips is None and rival.look == "joined" and per_sample(now) <= CLOSE:
             stages, start = NEARBY, now
-        hypothesis, values = extended(now if rival.look == "joined" else loosely, rival.score, thin)
+        # where only the joints are wrong they have bent the constants, and the windows on their own have not
+        look = "loose" if hidden and not close else rival.look
+        hypothesis, values = extended(now if look == "joined" else loosely, rival.scores[look], thin)
         try:
             tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers))
         except (InputError, np.linalg.LinAlgError) as error:
@@ -446,27 +448,21 @@ def _noticed(now: Fit, better: Fit) -> bool:
 class Rival(NamedTuple):
     """A mechanism that a first look puts forward."""
 
-    score: Score
-    """Of its best variant."""
-    look: str
-    """Which look that is from, joined or loose."""
+    mechanism: str
+    scores: dict[str, Score]
+    """Of its best variant in each look: joined, loose."""
     shares: dict[str, float]
     """Its gain as a share of the best one's, in each look."""
 
     @property
-    def mechanism(self) -> str:
-        """Its name."""
-        return self.score.variant.mechanism
+    def look(self) -> str:
+        """That of its largest share."""
+        return max(self.shares, key=lambda name: self.shares[name])
 
     @property
     def gain(self) -> float:
-        """At first look, in half sums of squares."""
-        return self.score.gain
-
-    @property
-    def share(self) -> float:
-        """The largest of its shares."""
-        return self.shares[self.look]
+        """In that look, in half sums of squares."""
+        return self.scores[self.look].gain
 
 
 def _looks(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool) -> tuple[list[Rival], float]:
@@ -486,15 +482,11 @@ def _looks(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, cl
         ahead = [each.variant.mechanism == "channel-delay" and each.strengths[0] <= 0.0 for each in look.scores]
         scores = [each for each, early in zip(look.scores, ahead, strict=True) if not early]
         for score in scores:
-            share = score.gain / max(scores[0].gain, 1e-9)
-            known = found.get(score.variant.mechanism)
-            if known is None:
-                found[score.variant.mechanism] = Rival(score, name, {name: share})
-            elif name not in known.shares:
-                known.shares[name] = share
-                if share > known.shares[known.look]:
-                    found[score.variant.mechanism] = Rival(score, name, known.shares)
-    return sorted(found.values(), key=lambda each: -each.share), min(look.chance for look in looks.values())
+            rival = found.setdefault(score.variant.mechanism, Rival(score.variant.mechanism, {}, {}))
+            rival.scores.setdefault(name, score)
+            rival.shares.setdefault(name, score.gain / max(scores[0].gain, 1e-9))
+    ranked = sorted(found.values(), key=lambda each: -each.shares[each.look])
+    return ranked, min(look.chance for look in looks.values())
 
 
 def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -> Fit:
@@ -535,6 +527,14 @@ def _try(thin, mechanism: str, hypothesis: Hypothesis, values, states, stages, w
         InputError: the motion cannot be followed.
         LinAlgError: the data say nothing of it.
     """
+    late = {f"{mechanism} {symbol}" for symbol in FREED_LATE.get(mechanism, ())}
+    if late:
+        names = [each.name for each in hypothesis.parameters]
+        first, kept = _holding(hypothesis, {name: values[names.index(name)] for name in late})
+        begun = fit(thin, first, workers, values[kept], states, stages)
+        values = values.copy()
+        values[kept] = begun.values
+        states, stages = begun.states, stages if stages[-1].settle else NEARBY
     if stages is JOINED:
         free = joined(thin, hypothesis, workers, values, states)
         return Tried(mechanism, free, free)
@@ -628,32 +628,31 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
     if per_sample(now) > CLOSE:
         return fit(recordings, now.hypothesis, workers, now.values, now.states, (Stage(1e4, 3, 1),))
     found = fit(recordings, now.hypothesis, workers, now.values, now.states, NEARBY)
-    dry = _dry(found)
-    if dry is None:
+    dry = {
+        each.name: 0.0
+        for each, value in zip(found.hypothesis.parameters, found.values, strict=True)
+        # for finding friction the speed at which it sets in has a least value; where it ends there, it is dry
+        if " " in each.name and each.symbol in GRIPS and value < 1.05 * each.low
+    }
+    if not dry:
         return found
     try:
-        return min(found, fit(recordings, dry[0], workers, dry[1], found.states, NEARBY), key=lambda each: each.cost)
+        hypothesis, kept = _holding(found.hypothesis, dry)
+        return min(
+            found, fit(recordings, hypothesis, workers, found.values[kept], found.states, NEARBY), key=lambda f: f.cost
+        )
     except (InputError, np.linalg.LinAlgError):
         return found
 
 
-def _dry(found: Fit) -> tuple[Hypothesis, np.ndarray] | None:
-    """A hypothesis whose friction sets in as sharply as a fit can follow, with one that grips, and its values.
-
-    For finding friction the speed at which it sets in keeps a least value. Where it ends there, it is dry.
-    """
-    effects, kept = [], [True] * len(found.hypothesis.constants)
-    at = len(kept)
-    for name, held, free in found.hypothesis.effects:
-        sharp = [each.symbol in GRIPS and found.values[at + i] < 1.05 * each.low for i, each in enumerate(free)]
-        gone = tuple((each.symbol, 0.0) for each, is_sharp in zip(free, sharp, strict=True) if is_sharp)
-        stay = tuple(each for each, is_sharp in zip(free, sharp, strict=True) if not is_sharp)
-        effects.append((name, held + gone, stay))
-        kept += [not is_sharp for is_sharp in sharp]
-        at += len(free)
-    if all(kept):
-        return None
-    return found.hypothesis._replace(effects=tuple(effects)), found.values[kept]
+def _holding(hypothesis: Hypothesis, fixed: Mapping[str, float]) -> tuple[Hypothesis, np.ndarray]:
+    """A hypothesis with some parameters of its effects held, by name, and which of the unknowns remain."""
+    effects = []
+    for name, held, free in hypothesis.effects:
+        gone = tuple((each.symbol, fixed[each.name]) for each in free if each.name in fixed)
+        effects.append((name, held + gone, tuple(each for each in free if each.name not in fixed)))
+    kept = np.array([each.name not in fixed for each in hypothesis.parameters])
+    return hypothesis._replace(effects=tuple(effects)), kept
 
 
 def _deviations(fitted: Fit) -> np.ndarray:

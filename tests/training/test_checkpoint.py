@@ -66,7 +66,7 @@ def test_taken_written_read_and_put_goes_on_alike(tmp_path):
 
 @pytest.mark.slow
 def test_rigs_of_the_general_engine_go_on_alike(tmp_path):
-    change = {"env": "drillenv/DrillHidden-v0", "rollout": 2, "batch": 4, "ahead": 2}
+    change = {"env": "drillenv/DrillHidden-v0", "rollout": 2, "batch": 4, "ahead": 1}
     recipe = Recipe(**(TINY | change), evaluate_every=0)
     learner = Learner(recipe, threads=1)
     learner.model.learn(2 * recipe.update)
