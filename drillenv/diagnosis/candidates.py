@@ -117,7 +117,7 @@ FREED = {
 }
 """Parameters fitted for good where they are more than those of the probes."""
 FREED_LATE = {"air-spring": ("tau",)}
-"""Parameters freed when those beside them are near: from afar a fit of both runs into a valley of stiff air that leaks."""
+"""Parameters freed when those beside them are near: from afar both run into a valley of stiff air that leaks."""
 DELAY = (5e-5, 4e-4)
 SIZES = {"delay_e": DELAY, "delay_f": DELAY, "delay_a": DELAY, "vs1": (5e-4, 5e-3), "vs2": (1e-3, 5e-2)}
 """Usual sizes where they are not the registry's: any channel may lag, and a dry guide is seldom perfectly dry."""
