@@ -1,10 +1,11 @@
 """How many steps a second training makes, and where its time goes: ``python -m benchmarks.training``.
 
-PPO of Stable-Baselines3 by the usual recipe on the drilling rig, and with the same numbers (rigs, steps of an update,
-minibatches, passes, network) on Gymnasium's Pendulum-v1, as make_vec_env sets it up. They take turns, update by update
-of the same run, and figures are medians over the rounds. Times are processor times on one thread, so that other work on
-the machine counts little. The plant is what moves the rig or the pendulum: the compiled kernel with its readings and
-reward, and the step of the bare environment.
+PPO of Stable-Baselines3 by the usual recipe on the drilling rig, with copies of the rigs that measure the actions and
+with a critic instead, and with the same numbers (rigs, steps of an update, minibatches, passes, network) on Gymnasium's
+Pendulum-v1, as make_vec_env sets it up. They take turns, update by update of the same run, and figures are medians over
+the rounds. Times are processor times on one thread, so that other work on the machine counts little. The plant is what
+moves the rig, its copies or the pendulum: the compiled kernel with its readings and reward, and the step of the bare
+environment.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ import statistics
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from drillenv.files import check_writable, whole
+from training.branches import Branches
 from training.learner import Learner
 from training.recipe import Recipe
 
@@ -56,12 +59,16 @@ class Clock:
         setattr(owner, method, timed)
 
 
-def drilling() -> tuple[PPO, Clock]:
+def drilling(recipe: Recipe) -> tuple[PPO, Clock]:
     """PPO on the rig, and its clock."""
-    learner, clock = Learner(RECIPE, threads=1), Clock()
+    learner, clock = Learner(recipe, threads=1), Clock()
     assert isinstance(learner.model, PPO)
     clock.on(learner.rigs.rigs._batch, "step", "plant")
     clock.on(learner.stacked, "step_wait", "environment")
+    branches = learner.model.env
+    if isinstance(branches, Branches):
+        clock.on(branches._copies, "step", "plant")
+        clock.on(branches, "_measure", "environment")
     clock.on(learner.model, "train", "update")
     return learner.model, clock
 
@@ -120,7 +127,11 @@ def main() -> None:
     given = parser.parse_args()
     if given.json:
         check_writable(given.json)
-    contestants = {"drillenv/DrillLayers-v0": drilling(), "Pendulum-v1": pendulum()}
+    contestants = {
+        "drillenv/DrillLayers-v0": drilling(RECIPE),
+        "the same with a critic": drilling(replace(RECIPE, ahead=0)),
+        "Pendulum-v1": pendulum(),
+    }
     rounds: dict[str, list[dict[str, float]]] = {name: [] for name in contestants}
     for turn in range(max(1, given.rounds) + 1):
         for name, (model, clock) in contestants.items():
