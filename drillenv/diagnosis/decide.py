@@ -409,7 +409,7 @@ def _next(
         elif REGISTRY[mechanism].grips is None and rival.look == "joined" and per_sample(now) <= CLOSE:
             stages, start = NEARBY, now
         # where only the joints are wrong they have bent the constants, and the windows on their own have not
-        look = "loose" if hidden and not close else rival.look
+        look = "loose" if hidden and "loose" in rival.scores else rival.look
         hypothesis, values = extended(now if look == "joined" else loosely, rival.scores[look], thin)
         try:
             tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers))
