@@ -580,14 +580,8 @@ def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say
                 costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
             except (InputError, np.linalg.LinAlgError):
                 costs.append(math.inf)
-        for k in np.argsort(costs)[:SCAN_BEST]:
-            try:
-                hypothesis, values = placed_at(now.hypothesis, mechanism, places[k], thin)
-                found.append(_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers))
-            except (InputError, np.linalg.LinAlgError):
-                continue
-            if per_sample(found[-1].fitted) <= FLOOR:
-                break
+        best = [places[k] for k in np.argsort(costs)[:SCAN_BEST]]
+        found += _from_places(thin, now, mechanism, best, loosely.states, SCANNING, workers)
     return found
 
 
@@ -596,14 +590,21 @@ def _scan_joined(thin: list[Conditioned], now: Fit, workers: Workers, say) -> li
     found = []
     for mechanism, places in SCANNED_JOINED.items():
         say(f"scanning {mechanism}")
-        for place in places:
-            try:
-                hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
-                found.append(_try(thin, mechanism, hypothesis, values, now.states, JOINED, workers))
-            except (InputError, np.linalg.LinAlgError):
-                continue
-            if per_sample(found[-1].fitted) <= FLOOR:
-                break
+        found += _from_places(thin, now, mechanism, places, now.states, JOINED, workers)
+    return found
+
+
+def _from_places(thin, now: Fit, mechanism: str, places, states, stages, workers: Workers) -> list[Tried]:
+    """Fits of a mechanism from several strengths, up to the first that leaves nothing but noise."""
+    found = []
+    for place in places:
+        try:
+            hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
+            found.append(_try(thin, mechanism, hypothesis, values, states, stages, workers))
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        if per_sample(found[-1].fitted) <= FLOOR:
+            break
     return found
 
 

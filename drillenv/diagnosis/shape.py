@@ -100,8 +100,8 @@ def common_line(recordings: Sequence[Conditioned], fitted: Fit) -> Common | None
             noise = data.noise_force if channel == "force" else data.noise_acceleration
             # of a line under a Hann window
             amplitude = noise * math.sqrt(6.0 / signal.size)
-            spectra.append((bins, power, bins[1], amplitude))
-        for bins, power, _width, _amplitude in spectra:
+            spectra.append((bins, power, amplitude))
+        for bins, power, _amplitude in spectra:
             if not np.isfinite(power).any() or np.nanmax(power) < LINE:
                 continue
             common = _shared(channel, float(bins[np.nanargmax(power)]), spectra)
@@ -113,8 +113,8 @@ def common_line(recordings: Sequence[Conditioned], fitted: Fit) -> Common | None
 def _shared(channel: str, frequency: float, spectra: Sequence[tuple]) -> tuple[float, Common] | None:
     """How strongly the recordings share a frequency of one of them: the median of its power, and what to say of it."""
     powers, places, sizes = [], [], []
-    for bins, power, width, amplitude in spectra:
-        near = np.flatnonzero(np.abs(bins - frequency) < 1.2 * width)
+    for bins, power, amplitude in spectra:
+        near = np.flatnonzero(np.abs(bins - frequency) < 1.2 * bins[1])
         if not near.size or np.isnan(power[near]).any():
             continue
         top = near[np.argmax(power[near])]
