@@ -35,6 +35,9 @@ WORTH = 0.2
 """Share of the best gain of the first look from which a mechanism is a rival."""
 CLEAR = 0.6
 """A rival whose first look gains less than this share of one that left nothing but noise is not fitted for good."""
+BEHIND = 0.1
+"""Share of what such a one explains by which another, its windows still on their own, is too far behind to be
+joined."""
 LOOSE, SCANNING = (Stage(1e4, 4, 4),), (Stage(1e4, 6, 6),)
 """How a mechanism is fitted first, each window on its own: as a first look says, and from a scan."""
 SCAN_ON, SCAN_ROUNDS, SCAN_BEST = 2, 3, 1
@@ -213,7 +216,7 @@ def replay(recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: W
         effects.append((name, held, own))
     alone = Hypothesis((), tuple(effects), hypothesis.base)
     apart = fit(recordings, alone, workers, stages=(ALONE,))
-    return joined(recordings, alone, workers, apart.values, apart.states)
+    return joined(recordings, alone, workers, apart.values, apart.states, apart)
 
 
 def quieted(recordings: list[Conditioned], fitted: Fit) -> list[Conditioned]:
@@ -378,7 +381,7 @@ def _tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers
     """The same hypothesis with the windows joined, where the fit is close enough for that."""
     if per_sample(loosely) > CLOSE:
         return loosely
-    return joined(recordings, loosely.hypothesis, workers, loosely.values, loosely.states)
+    return joined(recordings, loosely.hypothesis, workers, loosely.values, loosely.states, loosely)
 
 
 def _next(
@@ -397,6 +400,7 @@ def _next(
         return None, passed, now
     tried: list[Tried] = []
     winner: Rival | None = None
+    worth = math.inf
     for rival in rivals:
         mechanism = rival.mechanism
         if winner is not None and rival.shares.get(winner.look, 0.0) < CLEAR:
@@ -412,12 +416,13 @@ def _next(
         look = "loose" if hidden and "loose" in rival.scores else rival.look
         hypothesis, values = extended(now if look == "joined" else loosely, rival.scores[look], thin)
         try:
-            tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers))
+            tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers, worth))
         except (InputError, np.linalg.LinAlgError) as error:
             passed.append((mechanism, rival.gain, f"cannot be followed: {error}"))
             continue
         if winner is None and per_sample(tried[-1].fitted) <= FLOOR:
-            winner = rival
+            winner, best = rival, tried[-1].fitted.cost
+            worth = best + max(EQUAL, BEHIND * (now.cost - best))
     tried.sort(key=lambda each: (per_sample(each.fitted) > CLOSE, each.fitted.cost))
     if tried and _noticed(now, tried[0].fitted) and not (hidden and per_sample(tried[0].fitted) > CLOSE):
         tried[0] = _onward(thin, tried[0], workers)
@@ -520,8 +525,19 @@ class Tried(NamedTuple):
     fitted: Fit
 
 
-def _try(thin, mechanism: str, hypothesis: Hypothesis, values, states, stages, workers: Workers) -> Tried:
+def _try(
+    thin: list[Conditioned],
+    mechanism: str,
+    hypothesis: Hypothesis,
+    values: np.ndarray,
+    states: Sequence[np.ndarray],
+    stages: Sequence[Stage],
+    workers: Workers,
+    worth: float = math.inf,
+) -> Tried:
     """Fit a mechanism.
+
+    Windows that cost more than ``worth`` on their own are not joined, which costs more still.
 
     Raises:
         InputError: the motion cannot be followed.
@@ -539,7 +555,8 @@ def _try(thin, mechanism: str, hypothesis: Hypothesis, values, states, stages, w
         free = joined(thin, hypothesis, workers, values, states)
         return Tried(mechanism, free, free)
     free = fit(thin, hypothesis, workers, values, states, stages)
-    return Tried(mechanism, free, _tightened(thin, free, workers) if stages[-1].settle else free)
+    done = not stages[-1].settle or free.cost > worth
+    return Tried(mechanism, free, free if done else _tightened(thin, free, workers))
 
 
 def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
@@ -557,7 +574,7 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
         if per_sample(best.fitted) > CLOSE:
             ends.append(_try(thin, best.mechanism, hypothesis, values, best.loosely.states, LOOSE, workers))
         else:
-            onward = fit(thin, hypothesis, workers, best.fitted.values, best.fitted.states, NEARBY)
+            onward = fit(thin, hypothesis, workers, stages=NEARBY, known=best.fitted)
             anew = joined(thin, hypothesis, workers, values, best.loosely.states)
             ends += [best._replace(fitted=onward), best._replace(fitted=anew)]
     except (InputError, np.linalg.LinAlgError):

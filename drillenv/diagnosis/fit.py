@@ -279,7 +279,7 @@ def fit(
     values: np.ndarray | None = None,
     states: Sequence[np.ndarray] | None = None,
     stages: Sequence[Stage] = FROM_AFAR,
-    note: Callable[[str], object] | None = None,
+    known: Fit | None = None,
 ) -> Fit:
     """Fit a hypothesis.
 
@@ -289,7 +289,8 @@ def fit(
         workers: Threads.
         values, states: To start from; nominal and the first guesses where left out.
         stages: How to come to the end.
-        note: Told what each round reached.
+        known: A fit of this hypothesis to these recordings to start from, instead of ``values`` and ``states``: what it
+            knows of the place where it ended is not computed again.
 
     Raises:
         InputError: the motion of a recording cannot be followed from its first guess.
@@ -302,31 +303,43 @@ def fit(
     at = centre.copy() if values is None else np.array(values, dtype=float)
     guess = [data.states for data in recordings]
     now = [each.copy() for each in (guess if states is None else states)]
-    taken = 0
+    taken, seen = 0, known is not None
     made: list[Prediction] = []
     parts: list[Quadratic] = []
     slopes: list[Slopes] = []
     columns: list = []
+    if known is not None:
+        at, now = known.values.copy(), [each.copy() for each in known.states]
+        made, slopes, columns = known.predictions, known.slopes, known.columns
     places = [hypothesis.acting_on(data.name) for data in recordings]
     cost, noise = np.inf, float(sum(data.judged.stop - data.judged.start for data in recordings))
 
     def look(stage: Stage) -> None:
         """Slopes and quadratics where the fit stands."""
-        nonlocal slopes, columns, parts
+        nonlocal slopes, columns, parts, seen
+        if not seen:
+            slopes = workers.each(
+                lambda data, own, base: state_slopes(data, own, hypothesis.physics(at, data.name), base),
+                recordings,
+                now,
+                made,
+            )
+            columns = workers.each(
+                lambda data, own, base: columns_for(data, own, hypothesis, at, base), recordings, now, made
+            )
+            seen = True
         join = JOIN * stage.loose
-        slopes = workers.each(
-            lambda data, own, base: state_slopes(data, own, hypothesis.physics(at, data.name), base),
+        parts = workers.each(
+            lambda data, own, first, base, slope, column: quadratic(
+                data, own, first, base, slope, column[0], column[1], join
+            ),
             recordings,
             now,
+            guess,
             made,
+            slopes,
+            columns,
         )
-        columns = workers.each(
-            lambda data, own, base: columns_for(data, own, hypothesis, at, base), recordings, now, made
-        )
-        parts = [
-            quadratic(data, own, first, base, slope, column[0], column[1], join)
-            for data, own, first, base, slope, column in zip(recordings, now, guess, made, slopes, columns, strict=True)
-        ]
 
     def cost_at(point: np.ndarray, placed: Sequence[np.ndarray], said: Sequence[Prediction], stage: Stage) -> float:
         pieces = [plain_cost(*each, JOIN * stage.loose) for each in zip(recordings, placed, guess, said, strict=True)]
@@ -350,7 +363,9 @@ def fit(
         return list(placed), said
 
     for stage in stages:
-        now, made = stand(at, now, stage)
+        if stage.settle or not made:
+            now, made = stand(at, now, stage)
+            seen = False
         cost = cost_at(at, now, made, stage)
         for _ in range(stage.rounds):
             look(stage)
@@ -379,9 +394,7 @@ def fit(
                 break
             gained = cost - found[3]
             at, now, made, cost = found
-            taken += 1
-            if note is not None:
-                note(f"round {taken}: {cost:.1f}")
+            taken, seen = taken + 1, False
             if gained < max(CONVERGED, CRAWLING * (cost - noise)):
                 break
     look(stages[-1])
@@ -394,14 +407,15 @@ def joined(
     workers: Workers,
     values: np.ndarray,
     states: Sequence[np.ndarray],
+    known: Fit | None = None,
 ) -> Fit:
     """The fit with windows that join, from windows fitted each on its own.
 
     Where dry friction holds the shaker, one window that has its speed wrong pulls those after it along, and since
     friction does not notice by how much, no step leads back. So all windows of a rig that was running also begin with
-    the median of its speeds, and the better of both ends is taken.
+    the median of its speeds, and the better of both ends is taken. ``known`` is as in :func:`fit`.
     """
-    found = fit(recordings, hypothesis, workers, values, states, JOINED)
+    found = fit(recordings, hypothesis, workers, values, states, JOINED, known)
     if not any(REGISTRY[name].grips == ON_SHAKER for name, _held, _free in hypothesis.effects):
         return found
     level = [own.copy() for own in states]

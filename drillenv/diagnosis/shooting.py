@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import Conditioned
@@ -28,7 +29,9 @@ from drillenv.dynamics.sensors import in_order
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
-RTOL = 1e-8
+RTOL, ROUGH_RTOL = 1e-8, 1e-7
+"""Tolerance of the general engine on all samples, and where a few are enough: they move by less than a thousandth of
+the noise."""
 MOST_LEAD = 2.0
 """Recorded samples before the first one within which a fresh rig's start is looked for."""
 FINE, ROUGH = 16, 4
@@ -39,6 +42,8 @@ taken for y since it hardly changes with the stiffness."""
 JOIN = np.array([0.015, 2e-5])
 """Standard deviations with which the spring's force (N) and v1 (m/s) join from window to window: what a structure might
 do beside the model without being noticed in one window."""
+REACH = 7
+"""Unknowns that one of four in a window has to do with, to either side: those of its own and of the next window."""
 GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
@@ -60,10 +65,9 @@ class Physics(NamedTuple):
 class Prediction(NamedTuple):
     """What a model says of one recording."""
 
-    excitation: np.ndarray
     force: np.ndarray
     acceleration: np.ndarray
-    """(n,) in V, N, m/s^2; samples outside the windows are left out of everything."""
+    """(n,) in N, m/s^2; samples outside the windows are left out of everything."""
     ends: np.ndarray
     """(windows, 4) spring force, v1, v2, w at the end of each window."""
 
@@ -86,10 +90,11 @@ class Motion(NamedTuple):
     """(windows, own) extra states of the effects at the beginning of each window."""
 
 
-def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float = RTOL) -> Prediction:
+def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float | None = None) -> Prediction:
     """The model over all windows of a recording, each from its own state (windows, 4).
 
     Extra states of effects go on from window to window; at the beginning a rig that was running has long met its rock.
+    ``rtol`` is RTOL or, on thinned samples, ROUGH_RTOL where it is left out.
 
     Raises:
         InputError: the motion could not be followed.
@@ -114,7 +119,7 @@ def move(
     states: np.ndarray,
     physics: Physics,
     fine: int,
-    rtol: float = RTOL,
+    rtol: float | None = None,
     extras: np.ndarray | None = None,
 ) -> Motion:
     """The motion that :func:`predict` hands to the sensors.
@@ -135,6 +140,7 @@ def move(
     states[:, 3] = np.minimum(states[:, 3], 0.0)
     begun = np.zeros((len(states), 0))
     if physics.motion:
+        rtol = rtol or (RTOL if data.thin == 1 else ROUGH_RTOL)
         force, acceleration, ends, begun = _with_effects(data, states, physics, fine, rtol, extras)
     else:
         force, acceleration, ends = _plain(data, states, physics, fine)
@@ -195,11 +201,18 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
             early = theta - data.omega * lead
             _status, _reached, regime, *_rest = integrate(model, early, z, regime, lead, rate, nothing, rtol, scratch)
         status, *_rest = integrate(model, theta, z, regime, (after - first) / rate, rate, samples, rtol, scratch)
-        if status != DONE or not np.isfinite(z[:4]).all():
-            raise InputError(f"{data.name}: the motion could not be followed from {first / rate:.4f} s")
+        if status != DONE:
+            raise _lost(data, first / rate)
         force[first:after], acceleration[first:after] = samples[:, 5], samples[:, 4]
         ends[k] = z[[Y, V1, V2, W]]
+    finite = np.isfinite(ends).all(axis=1)
+    if not finite.all():
+        raise _lost(data, starts[np.argmin(finite)] / rate)
     return force, acceleration, ends, begun
+
+
+def _lost(data: Conditioned, time: float) -> InputError:
+    return InputError(f"{data.name}: the motion could not be followed from {time:.4f} s")
 
 
 def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int):
@@ -215,27 +228,24 @@ def _plain(data: Conditioned, states: np.ndarray, physics: Physics, fine: int):
 
 
 def sensed(data: Conditioned, motion: Motion, physics: Physics) -> Prediction:
-    """What the sensors make of a motion, at the samples of the recording."""
+    """What the sensors make of a motion, at the samples of the recording.
+
+    Not of the excitation, which the model is driven with.
+    """
     fine, force, acceleration = motion.fine, motion.force, motion.acceleration
-    rate = data.rate * fine
-    time = np.arange(force.size) / rate
-    excitation = data.amplitude * np.sin(data.phase + data.omega * time)
     if physics.sensors:
+        rate = data.rate * fine
         # nothing is known before the first window; a fresh rig began a moment before its first sample
         first, early = int(data.starts[0]) * fine, round(_lead(data, physics) * rate)
-        volts, push, shake = (
-            np.concatenate([np.full(early, x[first]), x[first:]]) for x in (excitation, force, acceleration)
-        )
-        true = Channels(rate, -early / rate, volts, push, shake, data.fresh)
+        push, shake = (np.concatenate([np.full(early, x[first]), x[first:]]) for x in (force, acceleration))
+        true = Channels(rate, -early / rate, np.zeros_like(push), push, shake, data.fresh)
         read = true
         for chosen in in_order(physics.sensors):
             assert chosen.effect.measure is not None
             read = chosen.effect.measure(true, read, chosen.values)
-        excitation, force, acceleration = (
-            np.concatenate([np.zeros(first), x[early:]]) for x in (read.excitation, read.force, read.acceleration)
-        )
+        force, acceleration = (np.concatenate([np.zeros(first), x[early:]]) for x in (read.force, read.acceleration))
     keep = slice(None, None, fine)
-    return Prediction(excitation[keep], force[keep], acceleration[keep], motion.ends)
+    return Prediction(force[keep], acceleration[keep], motion.ends)
 
 
 def extra_start(effects: Sequence[Chosen], begun: Mapping[str, float], impacts: float) -> list[float]:
@@ -406,7 +416,12 @@ def quadratic(
             curvature += change.T @ change
     value += 0.5 * float((((guess - states) / GUESS) ** 2).sum())
     scale = 1.0 / np.sqrt(np.diag(a))
-    solved = np.linalg.solve(a * scale[:, None] * scale[None, :], np.column_stack([g, b]) * scale[:, None])
+    # a window meets the one before it and the one behind it, so the matrix is a band
+    band = np.zeros((2 * REACH + 1, size))
+    scaled = a * scale[:, None] * scale[None, :]
+    for off in range(-min(REACH, size - 1), min(REACH, size - 1) + 1):
+        band[REACH - off, max(off, 0) : size + min(off, 0)] = np.diag(scaled, off)
+    solved = solve_banded((REACH, REACH), band, np.column_stack([g, b]) * scale[:, None], check_finite=False)
     solved *= scale[:, None]
     moves, answer = solved[:, 0], solved[:, 1:]
     return Quadratic(
@@ -432,6 +447,7 @@ def settle_states(
 ) -> tuple[np.ndarray, Prediction]:
     """Fit the state of each window on its own, by Levenberg and Marquardt, the model held."""
     now, damping = states.copy(), np.full(len(states), 1e-2)
+    remembers = fineness(data, physics.sensors) > 1 or any(each.effect.extras for each in physics.motion)
     made = predict(data, now, physics)
     costs = window_costs(data, now, guess, made)
     for _ in range(rounds):
@@ -445,16 +461,28 @@ def settle_states(
             g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * GUESS**-2.0
             trial[k] += np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
         trial[:, 3] = np.minimum(trial[:, 3], 0.0)
-        trial_costs = window_costs(data, trial, guess, predict(data, trial, physics))
+        tried = predict(data, trial, physics)
+        trial_costs = window_costs(data, trial, guess, tried)
         better = trial_costs < costs
         gained = float((costs - trial_costs)[better].sum())
         now[better] = trial[better]
         damping = np.where(better, damping / 5.0, damping * 8.0)
-        made = predict(data, now, physics)
+        made = predict(data, now, physics) if remembers else _mixed(data, better, tried, made)
         costs = window_costs(data, now, guess, made)
         if gained < 0.1 * len(now):
             break
     return now, made
+
+
+def _mixed(data: Conditioned, better: np.ndarray, tried: Prediction, made: Prediction) -> Prediction:
+    """Of some windows one prediction, of the others another: where nothing is carried over from window to window."""
+    mask = np.zeros(data.force.size, dtype=bool)
+    mask[data.starts[0] : data.starts[-1]] = np.repeat(better, np.diff(data.starts))
+    return Prediction(
+        np.where(mask, tried.force, made.force),
+        np.where(mask, tried.acceleration, made.acceleration),
+        np.where(better[:, None], tried.ends, made.ends),
+    )
 
 
 def with_constants(physics: Physics, names: Sequence[str], values: Sequence[float]) -> Physics:

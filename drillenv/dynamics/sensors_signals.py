@@ -6,6 +6,7 @@ order of the square of the sample interval, and of the interval itself next to a
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -24,14 +25,22 @@ def filtered(
         rate: In Hz.
         numerator, denominator: Of the transfer function in s, highest power first, in SI.
     """
-    from scipy.signal import cont2discrete, lfilter, lfilter_zi
+    from scipy.signal import lfilter
 
     if not signal.size:
         return signal
+    feedforward, feedback, settled = _sampled(tuple(numerator), tuple(denominator), rate)
+    return np.asarray(lfilter(feedforward, feedback, signal, zi=settled * before)[0])
+
+
+@functools.lru_cache(256)
+def _sampled(numerator: tuple[float, ...], denominator: tuple[float, ...], rate: float):
+    """The filter from sample to sample, and its state where the signal has long been 1."""
+    from scipy.signal import cont2discrete, lfilter_zi
+
     discrete: Any = cont2discrete((numerator, denominator), 1.0 / rate, method="foh")
     feedforward, feedback = np.atleast_1d(np.squeeze(discrete[0])), discrete[1]
-    settled = lfilter_zi(feedforward, feedback) * before
-    return np.asarray(lfilter(feedforward, feedback, signal, zi=settled)[0])
+    return feedforward, feedback, lfilter_zi(feedforward, feedback)
 
 
 def delayed(signal: np.ndarray, before: float, rate: float, delay: float) -> np.ndarray:
