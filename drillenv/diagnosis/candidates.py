@@ -98,7 +98,7 @@ SCANNED = {
     ),
 }
 """Where a mechanism is looked for whose mark at one strength says nothing of that at another, since it resonates."""
-SCANNED_JOINED = {"backlash": ({"g": 8e-4, "y0": -2e-5}, {"g": 3e-4, "y0": -1e-4})}
+SCANNED_JOINED = {"backlash": ({"g": 3e-4, "y0": -1e-4}, {"g": 8e-4, "y0": -2e-5})}
 """The same where a spring has no stiffness left in its play, and all of it outside: that shows where windows join."""
 OWN = {"mains-hum": ("sine_f", "cosine_f", "sine_a", "cosine_a")}
 """Mechanisms whose strengths differ from recording to recording: a recording begins at any phase of the mains."""
