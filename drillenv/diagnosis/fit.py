@@ -21,6 +21,7 @@ from drillenv.diagnosis.shooting import (
     predict,
     quadratic,
     settle_states,
+    slope_fineness,
     split_effects,
     state_slopes,
     window_costs,
@@ -63,7 +64,7 @@ class Stage(NamedTuple):
     """Steps of the parameters at most."""
 
 
-JOINED = (Stage(10.0, 0, 4), Stage(1.0, 0, 8))
+JOINED = (Stage(10.0, 0, 4), Stage(1.0, 0, 16))
 """From windows fitted each on its own."""
 FROM_AFAR = (Stage(1e4, 8, 6), *JOINED)
 """From first guesses: the joints come last, when the constants are nearly right."""
@@ -252,8 +253,12 @@ def scaled_change(data: Conditioned, moved: Prediction, base: Prediction, step: 
 
 
 def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, values: np.ndarray, base: Prediction):
-    """Answers of one recording to every parameter that acts on it, per width."""
+    """Answers of one recording to every parameter that acts on it, per width, about where the model says ``base``."""
     acting = hypothesis.acting_on(data.name)
+    here = hypothesis.physics(values, data.name)
+    fine = slope_fineness(data, here.sensors)
+    if fine > 1:
+        base = predict(data, states, here, fine=fine)
     channels = np.empty((acting.size, 2, data.force.size))
     ends = np.empty((acting.size, len(states), 4))
     for row, j in enumerate(acting.tolist()):
@@ -262,7 +267,7 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
         moved = values.copy()
         moved[j] += step * each.width
         physics = hypothesis.physics(moved, data.name)
-        channels[row], ends[row] = scaled_change(data, predict(data, states, physics), base, step)
+        channels[row], ends[row] = scaled_change(data, predict(data, states, physics, fine=fine), base, step)
     return channels, ends
 
 

@@ -36,6 +36,9 @@ MOST_LEAD = 2.0
 """Recorded samples before the first one within which a fresh rig's start is looked for."""
 FINE, ROUGH = 16, 4
 """Points a recorded sample at which a sensor that rings or lags is followed: on all samples, and for a first look."""
+SLOPE_FINE = 4
+"""Points a kept sample for the differences that slopes are made of. They are 3 % off on all samples and up to 13 % on
+thinned ones, which costs a fit another round at most: what it comes to is where the exact residuals are left."""
 STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
 """By how much the spring's force (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
 taken for y since it hardly changes with the stiffness."""
@@ -90,16 +93,18 @@ class Motion(NamedTuple):
     """(windows, own) extra states of the effects at the beginning of each window."""
 
 
-def predict(data: Conditioned, states: np.ndarray, physics: Physics, rtol: float | None = None) -> Prediction:
+def predict(
+    data: Conditioned, states: np.ndarray, physics: Physics, rtol: float | None = None, fine: int | None = None
+) -> Prediction:
     """The model over all windows of a recording, each from its own state (windows, 4).
 
     Extra states of effects go on from window to window; at the beginning a rig that was running has long met its rock.
-    ``rtol`` is RTOL or, on thinned samples, ROUGH_RTOL where it is left out.
+    ``rtol`` is RTOL or, on thinned samples, ROUGH_RTOL where it is left out, ``fine`` the sensors' :func:`fineness`.
 
     Raises:
         InputError: the motion could not be followed.
     """
-    return sensed(data, move(data, states, physics, fineness(data, physics.sensors), rtol), physics)
+    return sensed(data, move(data, states, physics, fine or fineness(data, physics.sensors), rtol), physics)
 
 
 def fineness(data: Conditioned, sensors: Sequence[Chosen]) -> int:
@@ -107,6 +112,11 @@ def fineness(data: Conditioned, sensors: Sequence[Chosen]) -> int:
     if not any(_between_samples(each) for each in sensors):
         return 1
     return FINE if data.thin == 1 else data.thin * ROUGH
+
+
+def slope_fineness(data: Conditioned, sensors: Sequence[Chosen]) -> int:
+    """Points a sample for differences between predictions."""
+    return min(SLOPE_FINE, fineness(data, sensors))
 
 
 def _between_samples(chosen: Chosen) -> bool:
@@ -302,17 +312,20 @@ class Slopes(NamedTuple):
 
 
 def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction) -> Slopes:
-    """The answers of a recording to the states of its windows."""
-    fine = fineness(data, physics.sensors)
+    """The answers of a recording to the states of its windows, about which the model says ``base``."""
+    fine = slope_fineness(data, physics.sensors)
     channels, ends = np.empty((4, 2, data.force.size)), np.empty((4, len(states), 4))
     after = np.zeros_like(channels) if fine > 1 else None
     remembers = any(each.effect.extras for each in physics.motion)
     still = move(data, states, physics, fine) if fine > 1 or remembers else None
+    if still is not None:
+        base = sensed(data, still, physics)
     # what an effect remembers would carry the steps of all windows into those after them
     extras = still.extras if still is not None and remembers else None
     inside = np.zeros(data.force.size, dtype=np.int64)
     for k, first in enumerate(data.starts[:-1].tolist()):
         inside[first:] = k % 2
+    turns = np.arange(len(states)) % 2
     for j in range(4):
         moved = states.copy()
         # away from the rock, so that a window never begins inside it
@@ -325,14 +338,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
             continue
         # a sensor that remembers carries a window over into the next: every other one is moved at a time
         for turn in range(2):
-            mask = np.repeat(inside == turn, fine)
-            mixed = Motion(
-                fine,
-                np.where(mask, motion.force, still.force),
-                np.where(mask, motion.acceleration, still.acceleration),
-                motion.ends,
-                motion.extras,
-            )
+            mixed = _mixed(data, turns == turn, motion, still)
             change = _change(data, sensed(data, mixed, physics), base, step)
             own = inside == turn
             channels[j][:, own], after[j][:, ~own] = change[:, own], change[:, ~own]
@@ -447,8 +453,9 @@ def settle_states(
 ) -> tuple[np.ndarray, Prediction]:
     """Fit the state of each window on its own, by Levenberg and Marquardt, the model held."""
     now, damping = states.copy(), np.full(len(states), 1e-2)
-    remembers = fineness(data, physics.sensors) > 1 or any(each.effect.extras for each in physics.motion)
-    made = predict(data, now, physics)
+    fine, remembers = fineness(data, physics.sensors), any(each.effect.extras for each in physics.motion)
+    motion = move(data, now, physics, fine)
+    made = sensed(data, motion, physics)
     costs = window_costs(data, now, guess, made)
     for _ in range(rounds):
         channels = state_slopes(data, now, physics, made).channels
@@ -461,27 +468,30 @@ def settle_states(
             g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * GUESS**-2.0
             trial[k] += np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
         trial[:, 3] = np.minimum(trial[:, 3], 0.0)
-        tried = predict(data, trial, physics)
-        trial_costs = window_costs(data, trial, guess, tried)
+        tried = move(data, trial, physics, fine)
+        trial_costs = window_costs(data, trial, guess, sensed(data, tried, physics))
         better = trial_costs < costs
         gained = float((costs - trial_costs)[better].sum())
         now[better] = trial[better]
         damping = np.where(better, damping / 5.0, damping * 8.0)
-        made = predict(data, now, physics) if remembers else _mixed(data, better, tried, made)
+        motion = move(data, now, physics, fine) if remembers else _mixed(data, better, tried, motion)
+        made = sensed(data, motion, physics)
         costs = window_costs(data, now, guess, made)
         if gained < 0.1 * len(now):
             break
     return now, made
 
 
-def _mixed(data: Conditioned, better: np.ndarray, tried: Prediction, made: Prediction) -> Prediction:
-    """Of some windows one prediction, of the others another: where nothing is carried over from window to window."""
-    mask = np.zeros(data.force.size, dtype=bool)
-    mask[data.starts[0] : data.starts[-1]] = np.repeat(better, np.diff(data.starts))
-    return Prediction(
-        np.where(mask, tried.force, made.force),
-        np.where(mask, tried.acceleration, made.acceleration),
-        np.where(better[:, None], tried.ends, made.ends),
+def _mixed(data: Conditioned, where: np.ndarray, one: Motion, other: Motion) -> Motion:
+    """One motion in some windows, another in the others; no window begins with extra states of the one before."""
+    mask = np.zeros(one.force.size, dtype=bool)
+    mask[data.starts[0] * one.fine : data.starts[-1] * one.fine] = np.repeat(where, np.diff(data.starts) * one.fine)
+    return Motion(
+        one.fine,
+        np.where(mask, one.force, other.force),
+        np.where(mask, one.acceleration, other.acceleration),
+        np.where(where[:, None], one.ends, other.ends),
+        one.extras,
     )
 
 
