@@ -1,11 +1,12 @@
-"""PPO whose advantages are measured: what an action earns on a copy of the rig beyond what the mean action would.
+"""PPO whose advantages are measured: what an action earns on a copy of the rig beyond what its opposite would.
 
 An estimate by a critic also holds the rocks of the coming second, which nobody can know, and its own error, so that
 an action has to differ by much to be told from others. Here two copies of each rig drill for a few intervals from the
 same present, over the same rock and with the same noise of the sensors. The first begins with the action, the second
-with the mean of the policy's distribution; then both go on with the mean. What is left in their difference is the
-action (the "vine" of Schulman et al., Trust Region Policy Optimization, ICML 2015, section 5.2). Only training needs
-copies of a rig; the policy sees the readings alone.
+with its mirror image about the mean of the policy's distribution; then both go on with the mean. What is left in their
+difference is the action (the "vine" of Schulman et al., Trust Region Policy Optimization, ICML 2015, section 5.2).
+The mirror image and not the mean, for near the best action most others earn less than the mean, on either side alike:
+that says nothing of where to go, and cancels. Only training needs copies of a rig; the policy sees the readings alone.
 """
 
 from __future__ import annotations
@@ -27,10 +28,6 @@ from training.scaling import scaled
 
 if TYPE_CHECKING:
     from training.sb3 import DrillVecEnv
-
-USUAL = 0.9
-"""Share of the advantages of an update that count in full. The others, some of which are a hundred times the usual ones
-because a rock changed or the motion left P-1-I-1, count as the largest of these; they would drown the rest."""
 
 
 class Branches(VecEnvWrapper):
@@ -74,14 +71,14 @@ class Branches(VecEnvWrapper):
         return self.venv.reset()
 
     def _measure(self, outputs: np.ndarray) -> np.ndarray:
-        """(n,) what the copies that begin with these outputs earn beyond those that begin with the mean."""
+        """(n,) half of what the copies that begin with these outputs earn beyond those that begin with the opposite."""
         n, copies = self.num_envs, self._copies
         for i in range(n):
             present = self._rigs.snapshot(i)
             copies.restore(i, present)
             copies.restore(n + i, present)
         seen = np.tile(self.stacked.stacked_obs.stacked_obs, (2, 1))
-        chosen = np.vstack([outputs, self._mean(seen[:n])])
+        chosen = np.vstack([outputs, 2.0 * self._mean(seen[:n]) - outputs])
         # by the steps done, so that a run that was resumed draws what it would have drawn
         rng = np.random.default_rng((self._first, self.model.num_timesteps))
         earned, everywhere = np.zeros(2 * n), np.ones(2 * n, dtype=bool)
@@ -92,7 +89,7 @@ class Branches(VecEnvWrapper):
             if k < self._ahead - 1:
                 seen = np.hstack([seen[:, SIZE:], scaled(copies.readings)])
                 chosen = self._mean(seen)
-        return earned[:n] - earned[n:]
+        return 0.5 * (earned[:n] - earned[n:])
 
     def _mean(self, seen: np.ndarray) -> np.ndarray:
         """(m, 3) the mean outputs for stacked observations (m, ...)."""
@@ -110,7 +107,5 @@ class BranchedPPO(PPO):
         assert isinstance(env, Branches)
         env.begin(self)
         going = super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
-        measured = np.array(env.measured)
-        most = np.quantile(np.abs(measured), USUAL)
-        rollout_buffer.advantages[:] = np.clip(measured, -most, most)
+        rollout_buffer.advantages[:] = np.array(env.measured)
         return going

@@ -87,8 +87,10 @@ class Learner:
         that was long from the start.
         """
         recipe = self.recipe
-        self._left = max(0.0, 1.0 - self.model.num_timesteps / recipe.anneal)
-        noise = self._left * np.log(recipe.noise) + (1.0 - self._left) * np.log(recipe.noise_end)
+        steps = self.model.num_timesteps
+        self._left = max(0.0, 1.0 - steps / recipe.anneal)
+        loud = max(0.0, 1.0 - steps / recipe.noise_anneal)
+        noise = loud * np.log(recipe.noise) + (1.0 - loud) * np.log(recipe.noise_end)
         with torch.no_grad():
             self.model.policy.log_std.copy_(torch.from_numpy(noise))
 

@@ -21,6 +21,7 @@ CRITIC: Mapping[str, Any] = MappingProxyType(
         "learning_rate": 5e-4,
         "noise": (0.3, 0.3, 0.5),
         "noise_end": (0.03, 0.02, 0.2),
+        "noise_anneal": 600_000,
         "anneal": 600_000,
     }
 )
@@ -53,7 +54,8 @@ class Recipe:
         (0.2, 0.2, 0.4), "standard deviations of frequency, amplitude and pressure over amplitude at the start"
     )
     noise_end: tuple[float, ...] = option((0.015, 0.01, 0.04), "the same at the end of the annealing")
-    anneal: int = option(240_000, "steps over which learning rate and noise go down; then they stay")
+    noise_anneal: int = option(300_000, "steps over which the noise goes down; then it stays")
+    anneal: int = option(500_000, "steps over which the learning rate goes down; then it stays")
     ahead: int = option(4, "intervals over which copies of the rigs measure what an action earns; 0 for a critic")
     gamma: float = option(0.7, "discount of a control interval, of a critic")
     gae_lambda: float = option(0.6, "of the generalised advantage estimate of a critic")
@@ -77,6 +79,7 @@ class Recipe:
             "learning_rate": number("learning_rate", self.learning_rate, 1e-8, 1.0),
             "noise": _noise("noise", self.noise),
             "noise_end": _noise("noise_end", self.noise_end),
+            "noise_anneal": count("noise_anneal", self.noise_anneal, 1, 10**12),
             "anneal": count("anneal", self.anneal, 1, 10**12),
             "ahead": count("ahead", self.ahead, 0, MOST_AHEAD),
             "gamma": number("gamma", self.gamma, 0.0, 0.9999),

@@ -44,7 +44,7 @@ from training.learner import Learner
 from training.recipe import Recipe, read_recipe
 from training.rollout import rollout
 
-TIMESTEPS = 240_000
+TIMESTEPS = 500_000
 SCENARIO = "validation"
 CHECKPOINT_SECONDS = 15.0
 LOGGED_EVERY = 8192

@@ -67,7 +67,7 @@ def result_of(out, steps):
     ids=["ppo", "critic-unstacked", "recurrent", "recurrent-stacked"],
 )
 def test_2n_is_n_stop_resume_n(tmp_path, change):
-    recipe = Recipe(**(SMALL | change), evaluate_every=128, episodes=2, anneal=250, seed=7)
+    recipe = Recipe(**(SMALL | change), evaluate_every=128, episodes=2, noise_anneal=150, anneal=250, seed=7)
     whole = train.train(recipe, 2 * STEPS, tmp_path / "whole", threads=1, quiet=True)
     train.train(recipe, STEPS, tmp_path / "halves", threads=1, quiet=True)
     np.random.seed(99)  # noqa: NPY002  what another process would have in its generators
@@ -121,13 +121,12 @@ def killed_at_random(out, arguments, steps, kills, rng):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on this platform")
 def test_killed_at_random_moments_it_gives_the_same_policy(tmp_path):
-    recipe = Recipe(**SMALL, evaluate_every=512, episodes=1, anneal=2000, seed=3)
+    recipe = Recipe(**SMALL, evaluate_every=512, episodes=1, noise_anneal=1500, anneal=2000, seed=3)
     steps = 64 * 32
     options = ["--quiet", "--threads", "1", "--timesteps", str(steps), "--checkpoint-seconds", "0.02"]
-    for name in (*SMALL, "evaluate_every", "episodes"):
+    for name in (*SMALL, "evaluate_every", "episodes", "noise_anneal", "anneal", "seed"):
         value = getattr(recipe, name)
         options += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, tuple) else (value,))]
-    options += ["--anneal", str(recipe.anneal), "--seed", str(recipe.seed)]
     train.train(recipe, steps, tmp_path / "whole", threads=1, quiet=True)
     found = killed_at_random(tmp_path / "killed", options, steps, kills=6, rng=random.Random(os.urandom(8)))
     assert len({each for each in found if 0 < each < steps}) >= 2, found
@@ -266,10 +265,16 @@ def test_a_recipe_refuses_what_it_does_not_know():
 
 
 def test_learning_rate_and_noise_go_by_the_steps_done():
-    recipe = Recipe(**SMALL, learning_rate=1e-3, noise=(0.4, 0.1, 1), noise_end=(0.1, 0.1, 0.25), anneal=1000)
+    quiet = (0.1, 0.1, 0.25)
+    recipe = Recipe(**SMALL, learning_rate=1e-3, noise=(0.4, 0.1, 1), noise_end=quiet, noise_anneal=500, anneal=1000)
     learner = Learner(recipe, threads=1)
-    end = (2e-5, (0.1, 0.1, 0.25))
-    for steps, rate, noise in ((0, 1e-3, (0.4, 0.1, 1.0)), (500, 5e-4, (0.2, 0.1, 0.5)), (1000, *end), (10**9, *end)):
+    for steps, rate, noise in (
+        (0, 1e-3, (0.4, 0.1, 1.0)),
+        (250, 7.5e-4, (0.2, 0.1, 0.5)),
+        (500, 5e-4, quiet),
+        (1000, 2e-5, quiet),
+        (10**9, 2e-5, quiet),
+    ):
         learner.model.num_timesteps = steps
         learner.anneal()
         np.testing.assert_allclose(np.exp(learner.model.policy.log_std.detach().numpy()), noise, rtol=1e-6)
