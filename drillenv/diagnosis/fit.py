@@ -180,6 +180,18 @@ class Fit:
     rounds: int
 
     @property
+    def per_sample(self) -> float:
+        """Sum of squares over samples; 1 where nothing but the noise is left."""
+        return 2.0 * self.cost / sum(each.samples for each in self.quadratics)
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """How far each constant is from nominal, in standard deviations of what the lab believes."""
+        constants = self.hypothesis.constants
+        believed, widths = np.array([(each.value, each.width) for each in constants]).T
+        return (self.values[: len(constants)] - believed) / widths
+
+    @property
     def covariance(self) -> np.ndarray:
         """(p, p) of the parameters, in their own units."""
         # what the recordings say nothing of is a thousand widths wide

@@ -14,10 +14,11 @@ import numpy as np
 
 from drillenv.checks import InputError, shown
 from drillenv.corrected import Corrected, model_record
-from drillenv.diagnosis.decide import SEVERAL, Outcome, diagnose_drill
+from drillenv.diagnosis.decide import Outcome, diagnose_drill
 from drillenv.diagnosis.fit import UNITS, Fit
 from drillenv.diagnosis.one_body import diagnose_body
 from drillenv.diagnosis.page import Trace, Wave, page
+from drillenv.diagnosis.search import SEVERAL
 from drillenv.diagnosis.separate import separation
 from drillenv.diagnosis.shape import described
 from drillenv.diagnosis.shooting import residual
@@ -26,6 +27,8 @@ from drillenv.dynamics.sensors import PerChannel
 from drillenv.files import whole
 from drillenv.recordings import Campaign, QualityFinding, check_quality, read_campaign
 
+SILENT = 0.7
+"""Share of a constant's stated standard deviation that is left of it where the recordings say nothing."""
 CELLS = ("no contact", "loading", "unloading")
 
 
@@ -120,6 +123,7 @@ def _report(title: str, outcome: Outcome, faults: tuple[QualityFinding, ...]) ->
         ],
         "next": _next(outcome),
         "quality": [str(each) for each in faults],
+        "remarks": _remarks(final),
         "cells": cells,
     }
     model = Corrected(physics.rig, physics.rock, (*physics.motion, *physics.sensors)) if explained else Corrected()
@@ -157,6 +161,20 @@ def _next(outcome: Outcome) -> list[str]:
                     f"bar: there their {found.channel} differs by {found.apart:.1f} times the noise."
                 )
     return said
+
+
+def _remarks(final: Fit) -> list[str]:
+    """Constants of which the recordings say so little that a wrong one would pass."""
+    silent = [
+        each.name.replace("_", " ")
+        for each, std in zip(final.hypothesis.constants, final.spread, strict=False)
+        if std > SILENT * each.width
+    ]
+    if not silent:
+        return []
+    return [
+        f"The recordings say next to nothing of the {' and the '.join(silent)}: what the lab states stands unchecked."
+    ]
 
 
 def excess(outcome: Outcome) -> list[dict[str, Any]]:
@@ -321,4 +339,5 @@ def _text(record: Mapping[str, Any]) -> str:
             f"{held['before']} times the noise before, {held['after']} after"
         )
     lines += [f"quality: {each}" for each in record["quality"]]
+    lines += record.get("remarks", [])
     return "\n".join(lines)

@@ -8,7 +8,7 @@ import pytest
 from drillenv.diagnosis.candidates import variants
 from drillenv.diagnosis.rehearsal import drawn_effect, rehearse
 from drillenv.diagnosis.report import diagnose
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, make
 
 FOUND = sorted({each.mechanism for each in variants()})
 SEED = 7
@@ -59,3 +59,14 @@ def test_mechanism_is_found(name):
         if symbol.startswith("vs") and true[symbol] == 0.0:
             continue  # a grip: as sharp as the fit goes
         assert abs(found["value"] - true[symbol]) < SURE * found["std"], symbol
+
+
+@pytest.mark.slow
+def test_little_play_is_no_soft_spring():
+    # the plain model leaves next to nothing of it, with a spring that nobody believes in
+    rng = np.random.default_rng(SEED)
+    play = make("backlash", g=2e-4, y0=-6e-5)
+    report = diagnose(rehearse(rng, 4, (play,), recordings=5, seconds=0.25).campaign)
+    (finding,) = report.record["findings"]
+    assert (report.verdict, finding["mechanism"]) == ("missing-physics", "backlash")
+    assert abs(finding["parameters"]["g"]["value"] - 2e-4) < SURE * finding["parameters"]["g"]["std"]
