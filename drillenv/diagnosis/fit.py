@@ -179,6 +179,10 @@ class Fit:
     """Half the sum of squares with the priors."""
     rounds: int
 
+    def physics(self, recording: str = "") -> Physics:
+        """The fitted model, as it was in a recording."""
+        return self.hypothesis.physics(self.values, recording)
+
     @property
     def per_sample(self) -> float:
         """Sum of squares over samples; 1 where nothing but the noise is left."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from drillenv.diagnosis.condition import Conditioned, condition, lag
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import Physics, settle_states, window_costs
-from drillenv.diagnosis.starts import extended, holding, opened, placed_at
+from drillenv.diagnosis.starts import carried, extended, holding, opened, placed_at
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Recording
 from drillenv.rig import Rig
@@ -36,8 +37,8 @@ BEHIND = 0.1
 joined."""
 LOOSE, SCANNING = (Stage(1e4, 4, 4),), (Stage(1e4, 6, 6),)
 """How a mechanism is fitted first, each window on its own: as a first look says, and from a scan."""
-SCAN_ON, SCAN_ROUNDS, SCAN_BEST = 2, 3, 1
-"""A scan compares strengths on so many recordings, with so many rounds for the states, and fits the best ones."""
+SCAN_ON, SCAN_ROUNDS = 2, 3
+"""A scan compares strengths on so many recordings, with so many rounds for the states, and fits the best one."""
 FAR = 30.0
 """Sum of squares over samples above which it is not a mount that is missing: the scan would take long for nothing."""
 MUCH = 0.01
@@ -161,7 +162,7 @@ def next_step(
     if not beside and now.per_sample < FAR:
         best = tried[0].fitted if tried else now
         if (hidden and best.per_sample > FLOOR) or _softened(best):
-            tried += _scan_joined(thin, now, workers, say)
+            tried += _scan_joined(thin, now, loosely, workers, say)
         if rivals and not hidden and best.per_sample > FLOOR:
             tried += _scan(thin, now, loosely, workers, say)
         tried.sort(key=lambda each: (each.fitted.per_sample > CLOSE, each.fitted.cost))
@@ -288,7 +289,8 @@ def _try(
     if late:
         names = [each.name for each in hypothesis.parameters]
         first, kept = holding(hypothesis, {name: values[names.index(name)] for name in late})
-        begun = fit(thin, first, workers, values[kept], states, stages)
+        begin = joined if stages is JOINED else functools.partial(fit, stages=stages)
+        begun = begin(thin, first, workers, values[kept], states)
         values = values.copy()
         values[kept] = begun.values
         states, stages = begun.states, stages if stages[-1].settle else NEARBY
@@ -338,38 +340,37 @@ def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say
                 costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
             except (InputError, np.linalg.LinAlgError):
                 costs.append(math.inf)
-        best = [places[k] for k in np.argsort(costs)[:SCAN_BEST]]
-        found += _from_places(thin, now, mechanism, best, loosely.states, SCANNING, workers)
+        best = places[int(np.argmin(costs))]
+        try:
+            hypothesis, values = placed_at(now.hypothesis, mechanism, best, thin)
+            found.append(_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers))
+        except (InputError, np.linalg.LinAlgError):
+            continue
     return found
 
 
-def _scan_joined(thin: list[Conditioned], now: Fit, workers: Workers, say) -> list[Tried]:
-    """Mechanisms that a first look cannot judge and that no window on its own shows."""
+def _scan_joined(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say) -> list[Tried]:
+    """Mechanisms that a first look cannot judge and that no window on its own shows.
+
+    Play opens the spring at the force that it carried without. Under dry friction each window goes on where the one
+    before ended, for the windows on their own do not say when the shaker stands still.
+    """
     found = []
     for mechanism, places in SCANNED_JOINED.items():
         say(f"scanning {mechanism}")
         for place in places:
-            states = [
-                opened(own, now.hypothesis.physics(now.values, data.name), data, place)
-                for data, own in zip(thin, now.states, strict=True)
-            ]
-            found += _from_places(thin, now, mechanism, (place,), states, JOINED, workers)
-            if found and found[-1].fitted.per_sample <= FLOOR:
-                break
-    return found
-
-
-def _from_places(thin, now: Fit, mechanism: str, places, states, stages, workers: Workers) -> list[Tried]:
-    """Fits of a mechanism from several strengths, up to the first that leaves nothing but noise."""
-    found = []
-    for place in places:
-        try:
-            hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
-            found.append(_try(thin, mechanism, hypothesis, values, states, stages, workers))
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        if found[-1].fitted.per_sample <= FLOOR:
-            break
+            try:
+                hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
+                if REGISTRY[mechanism].grips is None:
+                    pairs = zip(thin, now.states, strict=True)
+                    states = [opened(own, now.physics(data.name), data, place) for data, own in pairs]
+                else:
+                    values[: len(loosely.values)] = loosely.values
+                    physics = [hypothesis.physics(values, data.name) for data in thin]
+                    states = workers.each(carried, loosely.states, physics, thin)
+                found.append(_try(thin, mechanism, hypothesis, values, states, JOINED, workers))
+            except (InputError, np.linalg.LinAlgError):
+                continue
     return found
 
 

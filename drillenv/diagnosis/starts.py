@@ -11,7 +11,7 @@ from drillenv.diagnosis.candidates import FREED, own_parameters, parameter, usua
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import Fit, Hypothesis
 from drillenv.diagnosis.screen import Score
-from drillenv.diagnosis.shooting import Physics
+from drillenv.diagnosis.shooting import Physics, predict
 from drillenv.dynamics.effects import REGISTRY
 
 LINEAR = {
@@ -94,6 +94,22 @@ def opened(states: np.ndarray, physics: Physics, data: Conditioned, place: Mappi
     beyond = (states[:, 0] - physics.rig.static_force(data.setting)) / k > place["y0"]
     opened[beyond, 0] += k * place["g"]
     return opened
+
+
+def carried(states: np.ndarray, physics: Physics, data: Conditioned) -> np.ndarray:
+    """States whose part of the shaker goes on, from window to window, where a model has it end.
+
+    Raises:
+        InputError: the motion could not be followed.
+    """
+    now = states.copy()
+    for _window in range(len(states)):
+        # what changes in one window reaches the next; what the indenter does is left as measured
+        ends = predict(data, now, physics).ends[:-1, :2]
+        if np.array_equal(ends, now[1:, :2]):
+            break
+        now[1:, :2] = ends
+    return now
 
 
 def holding(hypothesis: Hypothesis, fixed: Mapping[str, float]) -> tuple[Hypothesis, np.ndarray]:
