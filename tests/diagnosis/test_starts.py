@@ -1,0 +1,42 @@
+"""Where the fit of one mechanism more begins."""
+
+import numpy as np
+import pytest
+
+from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.rehearsal import rehearse
+from drillenv.diagnosis.shooting import Physics, predict
+from drillenv.diagnosis.starts import carried, opened
+from drillenv.dynamics.effects import make
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A recording, its rig, and states off the truth."""
+    play = rehearse(np.random.default_rng(3), 4, recordings=3, seconds=0.2)
+    data = condition(play.campaign.recordings[1], play.rig).thinned(4)
+    return data, Physics(play.rig, play.rock)
+
+
+def test_a_spring_that_has_play_carries_the_force_that_it_carried_without(made):
+    data, physics = made
+    k, rest = physics.rig.stiffness, physics.rig.static_force(data.setting)
+    gap, begin = 3e-4, -1e-4
+    states = np.zeros((7, 4))
+    states[:, 0] = rest + k * np.array([-4e-4, -2e-4, -1.01e-4, -0.99e-4, 0.0, 1e-4, 5e-4])
+    put = opened(states, physics, data, {"g": gap, "y0": begin})
+    # what the equation of the effect makes of the deflection
+    beyond = (put[:, 0] - rest) / k
+    assert rest + k * (beyond - np.clip(beyond - begin, 0.0, gap)) == pytest.approx(states[:, 0], rel=1e-12)
+    assert np.array_equal(put[:, 1:], states[:, 1:])
+
+
+def test_windows_go_on_where_those_before_them_end(made):
+    data, physics = made
+    held = physics._replace(motion=(make("guide-friction", fc1=60.0, vs1=2e-3),))
+    begun = data.states + np.array([5.0, 1e-3, 0.0, 0.0])
+    gone_on = carried(begun, held, data)
+    ends = predict(data, gone_on, held).ends
+    assert np.array_equal(ends[:-1, :2], gone_on[1:, :2])
+    assert np.array_equal(gone_on[:, 2:], begun[:, 2:])
+    assert not np.array_equal(ends[:-1, :2], begun[1:, :2])
