@@ -156,7 +156,7 @@ def next_step(
         if winner is None and tried[-1].fitted.per_sample <= FLOOR:
             winner, best = rival, tried[-1].fitted.cost
             worth = best + max(EQUAL, BEHIND * (now.cost - best))
-    tried.sort(key=lambda each: (each.fitted.per_sample > CLOSE, each.fitted.cost))
+    tried.sort(key=_order)
     if tried and _noticed(now, tried[0].fitted) and not (hidden and tried[0].fitted.per_sample > CLOSE):
         tried[0] = _onward(thin, tried[0], workers)
     if not beside and now.per_sample < FAR:
@@ -165,7 +165,7 @@ def next_step(
             tried += _scan_joined(thin, now, loosely, workers, say)
         if rivals and not hidden and best.per_sample > FLOOR:
             tried += _scan(thin, now, loosely, workers, say)
-        tried.sort(key=lambda each: (each.fitted.per_sample > CLOSE, each.fitted.cost))
+        tried.sort(key=_order)
     if not tried:
         return None, passed, now
     first = tried[0]
@@ -267,6 +267,11 @@ class Tried(NamedTuple):
     fitted: Fit
 
 
+def _order(tried: Tried) -> tuple[bool, float]:
+    """To sort by, the best first. Windows that could not be joined cost less than they would."""
+    return tried.fitted.per_sample > CLOSE, tried.fitted.cost
+
+
 def _try(
     thin: list[Conditioned],
     mechanism: str,
@@ -322,10 +327,12 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
             ends += [best._replace(fitted=onward), best._replace(fitted=anew)]
     except (InputError, np.linalg.LinAlgError):
         pass
-    return min(ends, key=lambda each: (each.fitted.per_sample > CLOSE, each.fitted.cost))
+    return min(ends, key=_order)
 
 
-def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say) -> list[Tried]:
+def _scan(
+    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
+) -> list[Tried]:
     """Mechanisms that a first look cannot judge, each fitted from the best of several strengths."""
     found, few = [], slice(0, SCAN_ON)
     for mechanism, places in SCANNED.items():
@@ -349,7 +356,9 @@ def _scan(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say
     return found
 
 
-def _scan_joined(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say) -> list[Tried]:
+def _scan_joined(
+    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
+) -> list[Tried]:
     """Mechanisms that a first look cannot judge and that no window on its own shows.
 
     Play opens the spring at the force that it carried without. Under dry friction each window goes on where the one
@@ -362,6 +371,7 @@ def _scan_joined(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Worke
             try:
                 hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
                 if REGISTRY[mechanism].grips is None:
+                    # the spring of the plain fit stands for stiffness and play, and gives way as far as both do
                     pairs = zip(thin, now.states, strict=True)
                     states = [opened(own, now.physics(data.name), data, place) for data, own in pairs]
                 else:
