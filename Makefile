@@ -25,6 +25,9 @@ help:
 demo: $(VENV)/base.stamp
 	@$(BIN)/drillenv paper --out out/paper
 
+# each worker has a core: threads of linear algebra would only get into each other's way
+test test-fast: export OPENBLAS_NUM_THREADS = 1
+
 test: $(VENV)/dev.stamp
 	@$(BIN)/pytest -n $(JOBS)
 
