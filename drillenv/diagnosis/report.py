@@ -108,7 +108,7 @@ def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], 
 
 def _report(title: str, outcome: Outcome, faults: tuple[QualityFinding, ...]) -> Report:
     final = outcome.final
-    physics = final.hypothesis.physics(final.values)
+    physics = final.physics()
     explained = outcome.verdict != "unexplained"
     cells = excess(outcome)
     record: dict[str, Any] = {
@@ -152,7 +152,7 @@ def _next(outcome: Outcome) -> list[str]:
     said = []
     for step in outcome.steps:
         for name, rival in step.rivals.items():
-            one, other = (each.hypothesis.physics(each.values) for each in (step.fitted, rival))
+            one, other = (each.physics() for each in (step.fitted, rival))
             found = separation(one, other, noise)
             if found is not None:
                 f, a, p = found.setting.frequency, found.setting.amplitude, found.setting.pressure

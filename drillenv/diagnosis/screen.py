@@ -67,7 +67,7 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
     def marks(data: Conditioned, states: np.ndarray, base) -> dict[Variant, tuple[np.ndarray, np.ndarray]]:
         found = {}
         moved: dict[int, Motion] = {}  # sensors leave the motion as it is
-        physics = fitted.hypothesis.physics(fitted.values, data.name)
+        physics = fitted.physics(data.name)
         for variant in tried:
             channels, ends = [], []
             try:
