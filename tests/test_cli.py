@@ -1,6 +1,7 @@
 """The command line: what it prints and writes, and how it refuses."""
 
 import csv
+import functools
 import json
 import os
 import signal
@@ -437,7 +438,9 @@ def test_interrupt(capsys, monkeypatch):
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_interrupt_while_writing_leaves_no_file(tmp_path):
     arguments = ["simulate", *SETTING, "--seconds", "120", "--sample-rate", "1e5", "--out", "run.csv"]
-    with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True) as process:
+    # a shell starts what runs in its background with the signal ignored
+    heeded = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True, preexec_fn=heeded) as process:
         deadline = time.monotonic() + 60
         while not sum(entry.stat().st_size for entry in os.scandir(tmp_path)):
             assert time.monotonic() < deadline

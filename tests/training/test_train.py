@@ -87,7 +87,10 @@ def test_the_seed_decides(tmp_path):
 
 
 def killed_at_random(out, arguments, steps, kills, rng):
-    """Start the training, kill it at a random moment, and again, until it gets through. Where the kills found it."""
+    """Start the training, kill it at a random moment, and again, then let it get through. Where the kills found it.
+
+    On a busy machine it dies before it has come anywhere, and is killed more often.
+    """
     context = get_context("forkserver")
     context.set_forkserver_preload(["training.train"])
     found, checkpoints = [], out / "checkpoints"
@@ -96,7 +99,7 @@ def killed_at_random(out, arguments, steps, kills, rng):
         assert time.monotonic() < deadline
         process = context.Process(target=train.main, args=([*arguments, "--out", str(out), "--resume"],))
         process.start()
-        if len(found) < kills:
+        if len(found) < kills or len(set(found) - {0}) < 2:
             before = sorted(checkpoints.glob("0*")) if checkpoints.exists() else []
             # every third kill hits the start, with its reading of the checkpoint, the others the training after it
             if len(found) % 3:
