@@ -23,6 +23,8 @@ from drillenv.rig import Rig, Setting
 
 SHORTEST_FLIGHT = 12
 """Samples off the rock between which a window may begin."""
+USUAL, PRESSED = 20.0, 2.0
+"""A flight comes down to within so many standard deviations of the noise of where this per cent of them do."""
 SHORTEST, LONGEST = 0.6, 1.4
 """Excitation periods between which a window's length is, where there is a flight to end it."""
 GRID = 4
@@ -33,6 +35,15 @@ SETTLING = 5e-4
 """Seconds after the start of a fresh recording in which it is not judged."""
 TOUCH = 6.0
 """Standard deviations of the force's noise above which the indenter is on the rock."""
+MAINS = tuple(around + off for around in (50.0, 60.0) for off in (-0.1, -0.05, 0.0, 0.05, 0.1))
+"""Hz at which a load cell may hum."""
+LEVEL = 0.25
+"""Standard deviations of the acceleration's noise from which its mean is no noise."""
+HUM = 40.0
+"""Half a sum of squares that a hum has to explain of the force in flight."""
+STEEP = 3.0
+"""Standard deviations of the force in flight beyond which no hum is read into it: flights locked to the mains say
+nothing of what it is between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,14 +177,34 @@ def spring_from_force(
     return driven[0] + weights @ free[0], driven[1] + weights @ free[1]
 
 
-def flight_level(force: np.ndarray, noise: float) -> float:
-    """What the load cell shows off the rock in N, 0 where that is within a standard deviation of the noise.
+def flight_reading(force: np.ndarray, noise: float, rate: float) -> np.ndarray:
+    """(n,) what the load cell shows off the rock in N: its zero and the mains, where they are more than its noise.
 
-    Flights are the lowest part of the force: the median of what lies within noise of its twentieth part.
+    Flights are the lowest part of the force: what lies within noise of its twentieth part, and of what is read there.
     """
-    low = force[force < np.percentile(force, 5.0) + 4.0 * noise]
-    level = float(np.median(low))
-    return level if abs(level) > noise else 0.0
+    low = force < np.percentile(force, 5.0) + 4.0 * noise
+    level = float(np.median(force[low]))
+    level = level if abs(level) > noise else 0.0
+    time = np.arange(force.size) / rate
+    flat = np.full(force.size, level)
+    best, found = HUM, flat
+    for frequency in MAINS:
+        turned = 2 * math.pi * frequency * time
+        basis = np.column_stack([np.ones_like(time), np.sin(turned), np.cos(turned)])
+        # the first flights are those in the hum's trough, with some of its height
+        off = force < level + 2.0 * TOUCH * noise
+        for _round in range(6):
+            weights = np.linalg.lstsq(basis[off], force[off], rcond=None)[0]
+            said = basis @ weights
+            off = np.abs(force - said) < 4.0 * noise
+            if np.count_nonzero(off) < SHORTEST_FLIGHT:
+                break
+        else:
+            gain = 0.5 * float((force[off] - np.median(force[off])).var() - (force[off] - said[off]).var())
+            gain *= np.count_nonzero(off) / noise**2
+            if gain > best and math.hypot(*weights[1:]) < STEEP * float(force[off].std()):
+                best, found = gain, said
+    return found
 
 
 def lag(
@@ -231,14 +262,17 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     if late != 0.0:
         samples = np.arange(force.size)
         now = np.interp(samples + late * rate, samples, acceleration)
-    y, closing = spring_from_force(rig, setting, force, now, angle, rate)
-    # whatever the load cell says in flight is its zero
-    resting = force - flight_level(force, noise[0])
+    # whatever the load cell says in flight is not of the rock
+    resting = force - flight_reading(force, noise[0], rate)
     touches = contacts(resting, noise[0])
     if len(touches) < 3:
         raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")
+    now = now - acceleration_level(touches, resting, now, noise[1])
+    y, closing = spring_from_force(rig, setting, resting, now, angle, rate)
     fresh = recording.starts == "fresh"
-    starts = window_starts(touches, force.size, 2 * math.pi / omega * rate, fresh)
+    starts = window_starts(
+        flights(touches, resting, noise[0]), touches[-1, 1], force.size, 2 * math.pi / omega * rate, fresh
+    )
     if len(starts) < 4:
         raise InputError(
             f"{recording.name}: {len(starts) - 1} stretches begin off the rock: record for longer, with less pressure"
@@ -267,19 +301,47 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     )
 
 
-def window_starts(touches: np.ndarray, size: int, period: float, fresh: bool) -> np.ndarray:
+def flights(touches: np.ndarray, resting: np.ndarray, noise: float) -> np.ndarray:
+    """(m, 2) first sample off the rock and first sample on it again, of flights long enough to begin a window in.
+
+    An indenter that is pressed on lightly shows as little force as one that flies. So a flight comes as far down as
+    others do, and ends where it is last so low.
+    """
+    found = np.column_stack([np.concatenate([[0], touches[:-1, 1]]), touches[:, 0]])
+    found = found[found[:, 1] - found[:, 0] >= SHORTEST_FLIGHT]
+    if not len(found):
+        return found
+    half = SHORTEST_FLIGHT // 2
+    level = np.convolve(resting, np.full(half, 1.0 / half), "valid")
+    levels = [level[first : after - half + 1] for first, after in found]
+    lowest = np.array([each.min() for each in levels])
+    for flight, each, low in zip(found, levels, lowest, strict=True):
+        flight[1] = flight[0] + np.flatnonzero(each <= low + PRESSED * noise)[-1] + half
+    deep = lowest <= np.percentile(lowest, USUAL) + PRESSED * noise
+    return found[deep & (found[:, 1] - found[:, 0] >= SHORTEST_FLIGHT)]
+
+
+def acceleration_level(touches: np.ndarray, resting: np.ndarray, acceleration: np.ndarray, noise: float) -> float:
+    """What the accelerometer shows on the average from one standstill to another in m/s^2, 0 where that is but noise.
+
+    The indenter stands still where the force is largest.
+    """
+    first, last = (int(on + np.argmax(resting[on:after])) for on, after in touches[[1, -2]])
+    level = float(acceleration[first:last].mean()) if last > first else 0.0
+    return level if abs(level) > LEVEL * noise else 0.0
+
+
+def window_starts(off: np.ndarray, last: int, size: int, period: float, fresh: bool) -> np.ndarray:
     """Samples at which windows begin, and where the last one ends.
 
     Each begins in the longest flight that is about a period after the last one: there its state is read best, and
-    the impacts that follow each other closely stay in one window.
+    the impacts that follow each other closely stay in one window. ``off`` is of :func:`flights`, ``last`` where the
+    last contact ends.
     """
-    flights = np.column_stack([np.concatenate([[0], touches[:-1, 1]]), touches[:, 0]])
-    lengths = flights[:, 1] - flights[:, 0]
-    lengths, flights = lengths[lengths >= SHORTEST_FLIGHT], flights[lengths >= SHORTEST_FLIGHT]
+    lengths = off[:, 1] - off[:, 0]
     # near the end of the flight: what is left of it is read back from the coming contact
-    places = (flights[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, lengths // 3)) // GRID * GRID
-    last = int(touches[-1, 1])
-    end = min(size, last + SHORTEST_FLIGHT) // GRID * GRID
+    places = (off[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, lengths // 3)) // GRID * GRID
+    end = min(size, int(last) + SHORTEST_FLIGHT) // GRID * GRID
     chosen: list[int] = []
     reach = (0.0, LONGEST) if not fresh else (SHORTEST, LONGEST)
     now = 0

@@ -158,7 +158,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             steps.append(step)
             loosely, now = step.loosely, step.fitted
             say(f"{step.mechanism}: gain {step.gain:.0f}")
-        if len(steps) > 1 and now.per_sample > FLOOR:
+        if len(steps) > 1 and now.per_sample > _bearable(steps[0].fitted.per_sample):
             # more of them that do not bring the end nearer only mop up behind the first
             rejected += [(each.mechanism, each.gain, "leaves more than noise beside the others") for each in steps[1:]]
             del steps[1:]
@@ -242,11 +242,14 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
         return found
 
 
+def _bearable(before: float) -> float:
+    """Sum of squares over samples that mechanisms may leave of what there was before them."""
+    return max(FLOOR, min(MOST_LEFT, 1.0 + SMALL_PART * (before - 1.0)))
+
+
 def _verdict(final: Fit, steps: Sequence[Step], left: float, plain: float, lines: Sequence[object]) -> str:
     """In one word, from what the final fit and the plain one leave."""
-    bearable = FLOOR
-    if steps:
-        bearable = max(FLOOR, min(MOST_LEFT, 1.0 + SMALL_PART * (plain - 1.0)))
+    bearable = _bearable(plain) if steps else FLOOR
     off = np.abs(final.deviations).max()
     # a mechanism that needs constants nobody believes in stands for another one
     if left > bearable or lines or (steps and off > BENT):

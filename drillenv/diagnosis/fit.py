@@ -52,6 +52,12 @@ CONVERGED, CRAWLING = 0.3, 0.01
 """A round that lowers half the sum of squares by less than this, or than this share of what it is above the noise's,
 ends a stage."""
 
+ASTRAY, LEFT_OUT = 4.0, 1.5
+"""Half a sum of squares over the samples of a window, 1 of noise alone, from which it may have been led astray: as a
+fit begins, and as one ends that has few such windows."""
+RESCUE = 6
+"""Rounds for a window that is begun anew."""
+
 
 class Stage(NamedTuple):
     """A part of a fit."""
@@ -316,110 +322,182 @@ def fit(
     Raises:
         InputError: the motion of a recording cannot be followed from its first guess.
     """
-    parameters = hypothesis.parameters
-    widths = np.array([each.width for each in parameters])
-    centre = np.array([each.value for each in parameters])
-    prior = np.array([each.prior for each in parameters])
-    low, high = np.array([each.low for each in parameters]), np.array([each.high for each in parameters])
-    at = centre.copy() if values is None else np.array(values, dtype=float)
-    guess = [data.states for data in recordings]
-    now = [each.copy() for each in (guess if states is None else states)]
-    taken, seen = 0, known is not None
-    made: list[Prediction] = []
-    parts: list[Quadratic] = []
-    slopes: list[Slopes] = []
-    columns: list = []
-    if known is not None:
-        at, now = known.values.copy(), [each.copy() for each in known.states]
-        made, slopes, columns = known.predictions, known.slopes, known.columns
-    places = [hypothesis.acting_on(data.name) for data in recordings]
-    cost, noise = np.inf, float(sum(data.judged.stop - data.judged.start for data in recordings))
-
-    def look(stage: Stage) -> None:
-        """Slopes and quadratics where the fit stands."""
-        nonlocal slopes, columns, parts, seen
-        if not seen:
-            slopes = workers.each(
-                lambda data, own, base: state_slopes(data, own, hypothesis.physics(at, data.name), base),
-                recordings,
-                now,
-                made,
-            )
-            columns = workers.each(
-                lambda data, own, base: columns_for(data, own, hypothesis, at, base), recordings, now, made
-            )
-            seen = True
-        join = JOIN * stage.loose
-        parts = workers.each(
-            lambda data, own, first, base, slope, column: quadratic(
-                data, own, first, base, slope, column[0], column[1], join
-            ),
-            recordings,
-            now,
-            guess,
-            made,
-            slopes,
-            columns,
-        )
-
-    def cost_at(point: np.ndarray, placed: Sequence[np.ndarray], said: Sequence[Prediction], stage: Stage) -> float:
-        pieces = [plain_cost(*each, JOIN * stage.loose) for each in zip(recordings, placed, guess, said, strict=True)]
-        return sum(pieces) + 0.5 * float(prior @ ((point - centre) / widths) ** 2)
-
-    def stand(point: np.ndarray, placed: Sequence[np.ndarray], stage: Stage):
-        """States and predictions at values of the parameters."""
-        if stage.settle:
-            done = workers.each(
-                lambda data, own, first: settle_states(
-                    data, own, first, hypothesis.physics(point, data.name), stage.settle
-                ),
-                recordings,
-                placed,
-                guess,
-            )
-            return [each[0] for each in done], [each[1] for each in done]
-        said = workers.each(
-            lambda data, own: predict(data, own, hypothesis.physics(point, data.name)), recordings, placed
-        )
-        return list(placed), said
-
+    search = _Search(recordings, hypothesis, workers, values, states, known)
     for stage in stages:
-        if stage.settle or not made:
-            now, made = stand(at, now, stage)
-            seen = False
-        cost = cost_at(at, now, made, stage)
-        for _ in range(stage.rounds):
-            look(stage)
-            gradient, curvature = sum_quadratics(parts, places, len(parameters))
-            away = (at - centre) / widths
-            step = np.linalg.solve(curvature + np.diag(prior + 1e-9), gradient - prior * away)
-            share, found = 1.0, None
-            while share > 0.02 and found is None:
-                point = np.clip(at + share * step * widths, low, high)
-                moved = (point - at) / widths
-                placed = [
-                    own + (share * part.moves - part.answers @ moved[place]).reshape(-1, 4)
-                    for own, part, place in zip(now, parts, places, strict=True)
-                ]
-                for each in placed:
-                    each[:, 3] = np.minimum(each[:, 3], 0.0)
-                try:
-                    placed, said = stand(point, placed, stage)
-                    trial = cost_at(point, placed, said, stage)
-                    if trial < cost:
-                        found = point, placed, said, trial
-                except InputError:
-                    pass
-                share *= 0.4
+        search.run(stage)
+    return search.end(stages[-1])
+
+
+class _Search:
+    """A fit on its way."""
+
+    def __init__(
+        self,
+        recordings: Sequence[Conditioned],
+        hypothesis: Hypothesis,
+        workers: Workers,
+        values: np.ndarray | None,
+        states: Sequence[np.ndarray] | None,
+        known: Fit | None,
+    ) -> None:
+        self.recordings, self.hypothesis, self.workers = recordings, hypothesis, workers
+        parameters = hypothesis.parameters
+        self.widths = np.array([each.width for each in parameters])
+        self.centre = np.array([each.value for each in parameters])
+        self.prior = np.array([each.prior for each in parameters])
+        self.low = np.array([each.low for each in parameters])
+        self.high = np.array([each.high for each in parameters])
+        self.places = [hypothesis.acting_on(data.name) for data in recordings]
+        self.guess = [data.states for data in recordings]
+        self.noise = float(sum(data.judged.stop - data.judged.start for data in recordings))
+        """Half the sum of squares that noise alone leaves."""
+        self.at = self.centre.copy() if values is None else np.array(values, dtype=float)
+        self.now = [each.copy() for each in (self.guess if states is None else states)]
+        self.led = states is not None
+        """Whether it begins where another hypothesis has ended."""
+        self.made: list[Prediction] = []
+        self.parts: list[Quadratic] = []
+        self.slopes: list[Slopes] = []
+        self.columns: list = []
+        self.taken, self.seen = 0, known is not None
+        if known is not None:
+            self.at, self.now = known.values.copy(), [each.copy() for each in known.states]
+            self.made, self.slopes, self.columns = known.predictions, known.slopes, known.columns
+
+    def run(self, stage: Stage) -> None:
+        """Take the steps of a stage."""
+        if stage.settle or not self.made:
+            self._move_to(self.at, *self._stand(self.at, self.now, stage))
+            if stage.settle and self.led:
+                self._rescue(stage, ASTRAY)
+        self._rescue(stage, LEFT_OUT, few=True)
+        rounds = 0
+        while True:
+            rounds += self._descend(stage, stage.rounds - rounds)
+            if rounds == stage.rounds or not self._rescue(stage, LEFT_OUT, few=True):
+                break
+
+    def end(self, stage: Stage) -> Fit:
+        """What the fit came to."""
+        self._look(stage)
+        cost = self._cost(self.at, self.now, self.made, stage)
+        return Fit(
+            self.hypothesis, self.at, self.now, self.made, self.parts, self.slopes, self.columns, self.places, cost,
+            self.taken,
+        )  # fmt: skip
+
+    def _descend(self, stage: Stage, rounds: int) -> int:
+        """Step after step as long as they gain something; how many it were."""
+        for taken in range(rounds):
+            before = self._cost(self.at, self.now, self.made, stage)
+            found = self._better(stage, max(1.0, before / self.noise))
             if found is None:
-                break
-            gained = cost - found[3]
-            at, now, made, cost = found
-            taken, seen = taken + 1, False
-            if gained < max(CONVERGED, CRAWLING * (cost - noise)):
-                break
-    look(stages[-1])
-    return Fit(hypothesis, at, now, made, parts, slopes, columns, places, cost, taken)
+                return taken
+            self._move_to(*found)
+            self.taken += 1
+            cost = self._cost(self.at, self.now, self.made, stage)
+            if before - cost < max(CONVERGED, CRAWLING * (cost - self.noise)):
+                return taken + 1
+        return rounds
+
+    def _better(self, stage: Stage, heat: float) -> tuple[np.ndarray, list[np.ndarray], list[Prediction]] | None:
+        """A step of Gauss and Newton, shortened until it gains something: values, states and predictions, or None.
+
+        ``heat`` is a factor on the weights of what is believed: a model that leaves so many times the noise is not to
+        bend the constants out of all belief in its place.
+        """
+        self._look(stage)
+        before = self._cost(self.at, self.now, self.made, stage, heat)
+        gradient, curvature = sum_quadratics(self.parts, self.places, self.at.size)
+        away = (self.at - self.centre) / self.widths
+        step = np.linalg.solve(curvature + np.diag(heat * self.prior + 1e-9), gradient - heat * self.prior * away)
+        share = 1.0
+        while share > 0.02:
+            point = np.clip(self.at + share * step * self.widths, self.low, self.high)
+            moved = (point - self.at) / self.widths
+            placed = [
+                own + (share * part.moves - part.answers @ moved[place]).reshape(-1, 4)
+                for own, part, place in zip(self.now, self.parts, self.places, strict=True)
+            ]
+            for each in placed:
+                each[:, 3] = np.minimum(each[:, 3], 0.0)
+            try:
+                placed, said = self._stand(point, placed, stage)
+                if self._cost(point, placed, said, stage, heat) < before:
+                    return point, placed, said
+            except InputError:
+                pass
+            share *= 0.4
+        return None
+
+    def _rescue(self, stage: Stage, limit: float, few: bool = False) -> bool:
+        """Windows that cost more than ``limit`` a sample, from their first guess too; whether that was better for any.
+
+        A window that was led astray, past a light touch of the rock or by another hypothesis, does not find back. Where
+        only ``few`` are to be looked for, nothing is done if half of all cost as much: then it is not the windows.
+        """
+        each = self.workers.each
+        costs = each(window_costs, self.recordings, self.now, self.guess, self.made)
+        off = [cost > limit * np.diff(data.starts) for cost, data in zip(costs, self.recordings, strict=True)]
+        share = np.concatenate(off).mean()
+        if share == 0.0 or (few and share > 0.5):
+            return False
+        begun = [np.where(one[:, None], first, own) for one, first, own in zip(off, self.guess, self.now, strict=True)]
+        if not stage.settle:
+            # joined windows know the shaker better than any guess
+            begun = [np.hstack([own[:, :2], first[:, 2:]]) for own, first in zip(self.now, begun, strict=True)]
+        try:
+            other, said = self._stand(self.at, begun, stage._replace(settle=stage.settle or RESCUE))
+            again = each(window_costs, self.recordings, other, self.guess, said)
+            better = [one & (late < early) for one, early, late in zip(off, costs, again, strict=True)]
+            if not any(one.any() for one in better):
+                return False
+            mixed = [np.where(one[:, None], b, a) for one, a, b in zip(better, self.now, other, strict=True)]
+            self._move_to(self.at, *self._stand(self.at, mixed, stage._replace(settle=0)))
+        except InputError:
+            return False
+        return True
+
+    def _move_to(self, point: np.ndarray, placed: list[np.ndarray], said: list[Prediction]) -> None:
+        self.at, self.now, self.made, self.seen = point, placed, said, False
+
+    def _stand(
+        self, point: np.ndarray, placed: Sequence[np.ndarray], stage: Stage
+    ) -> tuple[list[np.ndarray], list[Prediction]]:
+        """States and predictions at values of the parameters."""
+        physics = [self.hypothesis.physics(point, data.name) for data in self.recordings]
+        if not stage.settle:
+            return list(placed), self.workers.each(predict, self.recordings, placed, physics)
+        rounds = [stage.settle] * len(physics)
+        done = self.workers.each(settle_states, self.recordings, placed, self.guess, physics, rounds)
+        return [each[0] for each in done], [each[1] for each in done]
+
+    def _cost(
+        self,
+        point: np.ndarray,
+        placed: Sequence[np.ndarray],
+        said: Sequence[Prediction],
+        stage: Stage,
+        heat: float = 1.0,
+    ) -> float:
+        """Half the sum of squares with the priors."""
+        join = JOIN * stage.loose
+        pieces = [plain_cost(*each, join) for each in zip(self.recordings, placed, self.guess, said, strict=True)]
+        return sum(pieces) + 0.5 * heat * float(self.prior @ ((point - self.centre) / self.widths) ** 2)
+
+    def _look(self, stage: Stage) -> None:
+        """Slopes and quadratics where the fit stands."""
+        each, physics = self.workers.each, [self.hypothesis.physics(self.at, data.name) for data in self.recordings]
+        if not self.seen:
+            count = len(physics)
+            self.slopes = each(state_slopes, self.recordings, self.now, physics, self.made)
+            self.columns = each(
+                columns_for, self.recordings, self.now, [self.hypothesis] * count, [self.at] * count, self.made
+            )
+            self.seen = True
+        marks, ends = [column[0] for column in self.columns], [column[1] for column in self.columns]
+        joins = [JOIN * stage.loose] * len(marks)
+        self.parts = each(quadratic, self.recordings, self.now, self.guess, self.made, self.slopes, marks, ends, joins)
 
 
 def joined(

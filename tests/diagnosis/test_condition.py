@@ -1,0 +1,87 @@
+"""First guesses: what sensors show that is not of the rock, and where windows begin."""
+
+import numpy as np
+import pytest
+
+from drillenv.diagnosis.condition import (
+    Conditioned,
+    acceleration_level,
+    condition,
+    contacts,
+    flight_reading,
+    flights,
+)
+from drillenv.diagnosis.decide import nominal_hypothesis
+from drillenv.diagnosis.fit import NEARBY, Workers, fit
+from drillenv.diagnosis.rehearsal import rehearse
+from drillenv.dynamics.effects import make
+from drillenv.rig import Rig
+
+RATE, NOISE = 25600.0, 5.0
+
+
+def blows(rng, frequency=73.0, lightly=0.0):
+    """Force of blows of 800 N, every third one followed by one of ``lightly`` newtons, and where it is off the rock."""
+    time = np.arange(int(0.4 * RATE)) / RATE
+    turn = np.mod(time * frequency, 1.0)
+    force = np.where(turn < 0.3, 800.0 * np.sin(np.pi * turn / 0.3), 0.0)
+    off = force == 0.0
+    if lightly:
+        after = (turn >= 0.3) & (np.floor(time * frequency) % 3 == 0)
+        force = np.where(after, lightly, force)
+    return time, force + NOISE * rng.standard_normal(time.size), off
+
+
+@pytest.mark.parametrize("level", [0.0, -40.0, 25.0])
+@pytest.mark.parametrize("hum", [8.0, 30.0])
+@pytest.mark.parametrize("mains", [49.97, 60.03])
+def test_hum_and_zero_of_a_load_cell_are_read_in_flight(level, hum, mains):
+    time, force, off = blows(np.random.default_rng(5))
+    shown = level + hum * np.sin(2 * np.pi * mains * time + 1.0)
+    read = flight_reading(force + shown, NOISE, RATE)
+    assert np.abs(read - shown)[off].max() < 0.5 * NOISE
+
+
+@pytest.mark.parametrize("frequency", [50.0, 60.0, 73.0, 100.0])
+def test_a_load_cell_that_does_not_hum_shows_nothing(frequency):
+    for seed in range(10):
+        _time, force, _off = blows(np.random.default_rng(seed), frequency)
+        assert not flight_reading(force, NOISE, RATE).any()
+
+
+def test_zero_of_an_accelerometer_is_its_mean_between_standstills():
+    play = rehearse(np.random.default_rng(3), 4, (make("sensor-offset", o_a=7.0),), recordings=3, seconds=0.2)
+    recording = play.campaign.recordings[0]
+    force, acceleration = (recording.channels[name].samples for name in ("force", "acceleration"))
+    touches = contacts(force, NOISE)
+    assert acceleration_level(touches, force, acceleration, 2.0) == pytest.approx(7.0, abs=0.1)
+    assert acceleration_level(touches, force, acceleration - 7.0, 2.0) == 0.0
+
+
+def test_an_indenter_that_is_pressed_on_lightly_does_not_fly():
+    _time, force, _off = blows(np.random.default_rng(5), lightly=20.0)
+    touches = contacts(force, NOISE)
+    found = flights(touches, force, NOISE)
+    assert len(found) == pytest.approx(2 / 3 * 0.4 * 73.0, abs=1.0)
+    assert all(force[first:after].mean() < 3.0 for first, after in found)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Recordings with nothing missing, and the fit."""
+    play = rehearse(np.random.default_rng(4), 4, recordings=3, seconds=0.2)
+    hypothesis = nominal_hypothesis(play.campaign)
+    rig = Rig(**{each.name: each.value for each in hypothesis.constants[:6]})
+    data: list[Conditioned] = [condition(each, rig).thinned(4) for each in play.campaign.recordings]
+    workers = Workers()
+    yield data, hypothesis, workers, fit(data, hypothesis, workers)
+    workers.close()
+
+
+def test_a_window_led_astray_finds_back(fitted):
+    data, hypothesis, workers, best = fitted
+    astray = [each.copy() for each in best.states]
+    # so far off the rock that it comes down after the blow
+    astray[0][2, 3] = -5e-4
+    found = fit(data, hypothesis, workers, best.values, astray, NEARBY)
+    assert found.cost == pytest.approx(best.cost, abs=1.0)
