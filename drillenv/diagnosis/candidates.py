@@ -127,9 +127,9 @@ SIZES = {"delay_e": DELAY, "delay_f": DELAY, "delay_a": DELAY, "vs1": (5e-4, 5e-
 """Usual sizes where they are not the registry's: any channel may lag, and a dry guide is seldom perfectly dry."""
 WIDTHS = {"f_m": 0.02}
 """Units in which parameters are counted, where a fifth of the usual size is too much for half a second."""
-LOOSELY = {"vs1": 0.04, "vs2": 0.04, "e": 0.04}
+LOOSELY = {"vs1": 0.04, "vs2": 0.04, "e": 0.04, "g": 0.04}
 """Weights of a prior about the first guess for what the data may say nothing of."""
-LEAST = {"vs1": 1e-4, "vs2": 1e-4, "tau": 0.02}
+LEAST = {"vs1": 1e-4, "vs2": 1e-4, "tau": 0.02, "g": 1e-5}
 """Lower bounds above the registry's: a sharper corner than this is one for the fit, too, and a supply faster than this
 is a damper."""
 

@@ -10,6 +10,7 @@ speed back from the moment at which the force sets in. None of these needs the c
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +32,8 @@ GRID = 4
 """Windows begin and end at samples that this divides, so that every fourth sample makes a recording of its own."""
 LONGEST_LAG = 1e-3
 """Seconds by which a channel may lag to be told at once."""
+EVIDENT, ALIKE = 2.0, 1.0
+"""Samples that a lag has at least to be told at once, and by which those of the recordings differ at most."""
 SETTLING = 5e-4
 """Seconds after the start of a fresh recording in which it is not judged."""
 TOUCH = 6.0
@@ -226,6 +229,18 @@ def lag(
         return 0.0
     before, at, after = products[top - 1 : top + 2]
     return (top - reach + 0.5 * (before - after) / (before - 2 * at + after)) / rate
+
+
+def common_lag(data: Sequence[Conditioned], rig: Rig) -> float:
+    """Seconds by which the acceleration lags in all recordings alike, 0 where it is not several samples."""
+    lags = []
+    for each in data:
+        force, acceleration = each.force, each.acceleration
+        angle = each.phase + each.omega * np.arange(force.size) / each.rate
+        lags.append(lag(rig, each.setting, force, acceleration, angle, each.rate) * each.rate)
+    usual = float(np.median(lags))
+    alike = np.max(np.abs(np.array(lags) - usual)) <= ALIKE
+    return usual / data[0].rate if alike and abs(usual) >= EVIDENT else 0.0
 
 
 def contacts(force: np.ndarray, noise: float) -> np.ndarray:

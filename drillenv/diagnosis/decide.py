@@ -9,7 +9,7 @@ import numpy as np
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import own_parameters
-from drillenv.diagnosis.condition import Conditioned, condition, white_noise
+from drillenv.diagnosis.condition import Conditioned, common_lag, condition, white_noise
 from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SEVERAL, THIN, Step, late_step, next_step, tightened
 from drillenv.diagnosis.shape import Line, lines_left
@@ -125,6 +125,9 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     try:
         say("reading the recordings")
         data = workers.each(lambda recording: condition(recording, rig), campaign.recordings)
+        late = common_lag(data, rig)
+        if late != 0.0:
+            data = workers.each(lambda recording: condition(recording, rig, late), campaign.recordings)
         held = [i for i, each in enumerate(campaign.recordings) if each.use == "held-out"] or _held_out(data)
         fit_data = [each for i, each in enumerate(data) if i not in held]
         held_data = [each for i, each in enumerate(data) if i in held]
@@ -134,9 +137,8 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         plain = now = tightened(thin, loosely, workers)
         steps: list[Step] = []
         rejected: list[tuple[str, float, str]] = []
-        if now.per_sample > FAR:
-            chosen = [each for i, each in enumerate(campaign.recordings) if i not in held]
-            step = late_step(chosen, thin, rig, now, workers)
+        if late != 0.0 and now.per_sample > FAR:
+            step = late_step(thin, late, now, workers)
             if step is not None:
                 steps.append(step)
                 loosely, now = step.loosely, step.fitted

@@ -14,6 +14,7 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.shooting import (
     JOIN,
+    STATE_STEPS,
     Physics,
     Prediction,
     Quadratic,
@@ -48,6 +49,9 @@ BEGUN = ("N0", "s0")
 """Symbols for the first extra state of an effect as a recording of a running rig begins."""
 STEP = 0.02
 """Standard deviations by which a constant is moved for its derivative."""
+PLAY = "backlash g"
+"""Is moved back as far as the states move the spring on: beyond its play a rig feels nothing of how wide it is, and the
+difference of two unlike steps would be taken for a feeling."""
 CONVERGED, CRAWLING = 0.3, 0.01
 """A round that lowers half the sum of squares by less than this, or than this share of what it is above the noise's,
 ends a stage."""
@@ -286,6 +290,8 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
     for row, j in enumerate(acting.tolist()):
         each = hypothesis.parameters[j]
         step = STEP if values[j] + STEP * each.width <= each.high else -STEP
+        if each.name == PLAY:
+            step = -STATE_STEPS[0] / (here.rig.stiffness * each.width)
         moved = values.copy()
         moved[j] += step * each.width
         physics = hypothesis.physics(moved, data.name)

@@ -13,14 +13,12 @@ from scipy.stats import chi2
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import FREED_LATE, SCANNED, SCANNED_JOINED
-from drillenv.diagnosis.condition import Conditioned, condition, lag
+from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import Physics, settle_states, window_costs
 from drillenv.diagnosis.starts import carried, extended, holding, opened, placed_at
 from drillenv.dynamics.effects import REGISTRY
-from drillenv.recordings import Recording
-from drillenv.rig import Rig
 
 THIN = 4
 """Every fourth sample is enough to find a mechanism; all of them say how strong it is."""
@@ -89,28 +87,14 @@ def tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers)
     return joined(recordings, loosely.hypothesis, workers, loosely.values, loosely.states, loosely)
 
 
-def late_step(
-    recordings: Sequence[Recording], thin: list[Conditioned], rig: Rig, plain: Fit, workers: Workers
-) -> Step | None:
-    """A lag of several samples, which throws every first guess off, so that no look around it would find it."""
-    times = [data.phase + data.omega * np.arange(data.force.size * data.thin) / data.rate / data.thin for data in thin]
-    lags = []
-    for recording, data, angle in zip(recordings, thin, times, strict=True):
-        force, acceleration = (recording.channels[name].samples for name in ("force", "acceleration"))
-        size = min(angle.size, force.size)
-        rate = data.rate * data.thin
-        lags.append(lag(rig, data.setting, force[:size], acceleration[:size], angle[:size], rate))
-    late, sample = float(np.median(lags)), 1.0 / (thin[0].rate * thin[0].thin)
-    if abs(late) < 2.0 * sample or np.max(np.abs(np.array(lags) - late)) > sample:
-        return None
-    guessed = [condition(each, rig, late).thinned(THIN) for each in recordings]
+def late_step(thin: list[Conditioned], late: float, plain: Fit, workers: Workers) -> Step | None:
+    """A lag of several samples in s, where it explains nearly everything: next to it nothing else can be seen."""
     place = {"delay_a" if late > 0.0 else "delay_f": abs(late)}
     hypothesis, values = placed_at(plain.hypothesis, "channel-delay", place, thin)
     values[: len(plain.values)] = [each.value for each in plain.hypothesis.constants]
+    states = [each.states for each in thin]
     try:
-        tried = _try(
-            thin, "channel-delay", hypothesis, values, [each.states for each in guessed], (Stage(1e4, 8, 6),), workers
-        )
+        tried = _try(thin, "channel-delay", hypothesis, values, states, (Stage(1e4, 8, 6),), workers)
     except (InputError, np.linalg.LinAlgError):
         return None
     gain, needed = plain.cost - tried.fitted.cost, (1.0 - MUCH) * plain.cost
@@ -129,7 +113,7 @@ def next_step(
             passed.append((each.mechanism, each.gain, "gains too little"))
         elif each.shares[each.look] >= WORTH and len(rivals) < RIVALS:
             rivals.append(each)
-    if not rivals and (beside or not _softened(now)):
+    if not rivals and not _softened(now):
         return None, passed, now
     tried: list[Tried] = []
     winner: Rival | None = None
@@ -159,13 +143,13 @@ def next_step(
     tried.sort(key=_order)
     if tried and _noticed(now, tried[0].fitted) and not (hidden and tried[0].fitted.per_sample > CLOSE):
         tried[0] = _onward(thin, tried[0], workers)
-    if not beside and now.per_sample < FAR:
-        best = tried[0].fitted if tried else now
-        if (hidden and best.per_sample > FLOOR) or _softened(best):
-            tried += _scan_joined(thin, now, loosely, workers, say)
-        if rivals and not hidden and best.per_sample > FLOOR:
-            tried += _scan(thin, now, loosely, workers, say)
-        tried.sort(key=_order)
+    best = tried[0].fitted if tried else now
+    scans = not beside and best.per_sample > FLOOR and now.per_sample < FAR
+    if _softened(best) or (scans and hidden):
+        tried += _scan_joined(thin, now, loosely, workers, say)
+    if scans and rivals and not hidden:
+        tried += _scan(thin, now, loosely, workers, say)
+    tried.sort(key=_order)
     if not tried:
         return None, passed, now
     first = tried[0]
@@ -366,6 +350,8 @@ def _scan_joined(
     """
     found = []
     for mechanism, places in SCANNED_JOINED.items():
+        if mechanism in {name for name, _held, _free in now.hypothesis.effects}:
+            continue
         say(f"scanning {mechanism}")
         for place in places:
             try:
