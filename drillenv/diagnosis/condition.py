@@ -244,12 +244,16 @@ def common_lag(data: Sequence[Conditioned], rig: Rig) -> float:
 
 
 def contacts(force: np.ndarray, noise: float) -> np.ndarray:
-    """(m, 2) first sample on the rock and first sample off it again, for each contact that the force shows."""
+    """(m, 2) first sample on the rock and first sample off it again, for each contact that the force shows.
+
+    One that the end of the recording cuts off has no peak to be read from, and is left out.
+    """
     on = force > TOUCH * noise
     # a single quiet sample within a contact, or a single loud one in flight, is noise
     on = on & (np.roll(on, 1) | np.roll(on, -1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
-    return edges.reshape(-1, 2)
+    found = edges.reshape(-1, 2)
+    return found[found[:, 1] < force.size]
 
 
 def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:

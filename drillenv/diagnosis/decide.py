@@ -12,7 +12,7 @@ from drillenv.diagnosis.candidates import own_parameters
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition, white_noise
 from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SEVERAL, THIN, Step, late_step, next_step, tightened
-from drillenv.diagnosis.shape import Line, lines_left
+from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual
 from drillenv.diagnosis.starts import holding
 from drillenv.recordings import Campaign
@@ -187,7 +187,9 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             before_held, more = _believed(held_data, nominal, laid.predictions, workers)
             pairs += more
         return Outcome(
-            _verdict(final, steps, left, plain.per_sample, lines),
+            _verdict(
+                final, steps, left, plain.per_sample, bool(lines) or (not steps and repeated(fit_data, final).sure)
+            ),
             plain,
             final,
             steps,
@@ -249,12 +251,12 @@ def _bearable(before: float) -> float:
     return max(FLOOR, min(MOST_LEFT, 1.0 + SMALL_PART * (before - 1.0)))
 
 
-def _verdict(final: Fit, steps: Sequence[Step], left: float, plain: float, lines: Sequence[object]) -> str:
-    """In one word, from what the final fit and the plain one leave."""
+def _verdict(final: Fit, steps: Sequence[Step], left: float, plain: float, shaped: bool) -> str:
+    """In one word, from what the final fit and the plain one leave, and whether that has a shape that noise has not."""
     bearable = _bearable(plain) if steps else FLOOR
     off = np.abs(final.deviations).max()
     # a mechanism that needs constants nobody believes in stands for another one
-    if left > bearable or lines or (steps and off > BENT):
+    if left > bearable or shaped or (steps and off > BENT):
         return "unexplained"
     if steps:
         return "missing-physics"

@@ -396,7 +396,9 @@ class _Search:
         """Step after step as long as they gain something; how many it were."""
         for taken in range(rounds):
             before = self._cost(self.at, self.now, self.made, stage)
-            found = self._better(stage, max(1.0, before / self.noise))
+            # gaps at the joints say nothing of the model before the states have moved
+            inside = sum(each.sum() for each in self._windows())
+            found = self._better(stage, max(1.0, inside / self.noise))
             if found is None:
                 return taken
             self._move_to(*found)
@@ -442,19 +444,19 @@ class _Search:
         A window that was led astray, past a light touch of the rock or by another hypothesis, does not find back. Where
         only ``few`` are to be looked for, nothing is done if half of all cost as much: then it is not the windows.
         """
-        each = self.workers.each
-        costs = each(window_costs, self.recordings, self.now, self.guess, self.made)
+        costs = self._windows()
         off = [cost > limit * np.diff(data.starts) for cost, data in zip(costs, self.recordings, strict=True)]
         share = np.concatenate(off).mean()
         if share == 0.0 or (few and share > 0.5):
             return False
         begun = [np.where(one[:, None], first, own) for one, first, own in zip(off, self.guess, self.now, strict=True)]
         if not stage.settle:
-            # joined windows know the shaker better than any guess
-            begun = [np.hstack([own[:, :2], first[:, 2:]]) for own, first in zip(self.now, begun, strict=True)]
+            # the windows before them know the shaker better than any guess
+            for own, one, said in zip(begun, off, self.made, strict=True):
+                own[1:, :2] = np.where(one[1:, None], said.ends[:-1, :2], own[1:, :2])
         try:
             other, said = self._stand(self.at, begun, stage._replace(settle=stage.settle or RESCUE))
-            again = each(window_costs, self.recordings, other, self.guess, said)
+            again = self.workers.each(window_costs, self.recordings, other, self.guess, said)
             better = [one & (late < early) for one, early, late in zip(off, costs, again, strict=True)]
             if not any(one.any() for one in better):
                 return False
@@ -463,6 +465,10 @@ class _Search:
         except InputError:
             return False
         return True
+
+    def _windows(self) -> list[np.ndarray]:
+        """(windows,) half the sum of squares of each window of each recording."""
+        return [window_costs(*each) for each in zip(self.recordings, self.now, self.guess, self.made, strict=True)]
 
     def _move_to(self, point: np.ndarray, placed: list[np.ndarray], said: list[Prediction]) -> None:
         self.at, self.now, self.made, self.seen = point, placed, said, False

@@ -32,6 +32,12 @@ SETTING = 0.9
 """Rank correlation over recordings from which what is left goes with a setting."""
 
 
+PHASES = 32
+"""Parts of an excitation period over which what is left is averaged."""
+REPEATED = 6.0
+"""Standard deviations of chance beyond which what is left repeats itself (below 1e-8 a campaign; nulls reach 1)."""
+
+
 class Line(NamedTuple):
     """A frequency that stands out of what is left of one channel."""
 
@@ -71,6 +77,41 @@ def lines_left(recordings: Sequence[Conditioned], fitted: Fit) -> list[Line]:
             if power[top] > LINE:
                 found.append(Line(data.name, channel, float(bins[top]), float(power[top])))
     return found
+
+
+class Repeated(NamedTuple):
+    """How far beyond chance what is left repeats itself from period to period, in standard deviations."""
+
+    steady: float
+    """All through a recording."""
+    changing: float
+    """Growing, fading or turning round in the course of it."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether one of them is no chance."""
+        return max(self) > REPEATED
+
+
+def repeated(recordings: Sequence[Conditioned], fitted: Fit) -> Repeated:
+    """Whether what is left is the same at the same phase of the excitation.
+
+    Its averages over PHASES parts of the period, and its slopes there along the recording, are compared with what
+    white noise as strong gives: the sum of their squares has a chi-square distribution.
+    """
+    count, steady, changing = 0, 0.0, 0.0
+    for data, made in zip(recordings, fitted.predictions, strict=True):
+        at = np.arange(data.force.size)[data.judged]
+        turn = np.mod((data.phase + data.omega * at / data.rate) / (2 * math.pi), 1.0)
+        part, time = (turn * PHASES).astype(int) % PHASES, at - at.mean()
+        here, moment = np.bincount(part, minlength=PHASES), np.bincount(part, time**2, PHASES)
+        for signal in residual(data, made)[:, data.judged]:
+            scaled = signal / max(float(signal.std()), 1e-12)
+            count += PHASES
+            steady += float((np.bincount(part, scaled, PHASES) ** 2 / np.maximum(here, 1)).sum())
+            changing += float((np.bincount(part, scaled * time, PHASES) ** 2 / np.maximum(moment, 1.0)).sum())
+    width = math.sqrt(2.0 * max(count, 1))
+    return Repeated((steady - count) / width, (changing - count) / width)
 
 
 def _spectrum(signal: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -140,6 +181,12 @@ def described(recordings: Sequence[Conditioned], fitted: Fit) -> list[str]:
         said.append(
             f"It is periodic at {line.frequency:.1f} Hz, unrelated to the excitation, in {line.recordings} of "
             f"{line.of} recordings; in the {line.channel} with an amplitude of about {line.amplitude:.2g} {unit}."
+        )
+    again = repeated(recordings, fitted)
+    if again.sure:
+        how = "changing steadily in the course of a recording" if again.changing > again.steady else "alike throughout"
+        said.append(
+            f"It repeats itself from period to period, {how}: {max(again):.0f} standard deviations past chance."
         )
     windows = _windows(recordings, fitted)
     excess = np.concatenate([each[1] for each in windows])

@@ -9,7 +9,7 @@ from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.decide import nominal_hypothesis
 from drillenv.diagnosis.fit import Workers, fit
 from drillenv.diagnosis.rehearsal import rehearse
-from drillenv.diagnosis.shape import common_line, described, lines_left
+from drillenv.diagnosis.shape import common_line, described, lines_left, repeated
 from drillenv.rig import Rig
 
 
@@ -37,6 +37,7 @@ def with_more(fitted, what):
 
 def test_noise_has_no_shape(fitted):
     assert lines_left(*fitted) == []
+    assert not repeated(*fitted).sure
     assert common_line(*fitted) is None
 
 
@@ -50,6 +51,23 @@ def test_a_frequency_that_all_recordings_share(fitted):
     assert line.amplitude == pytest.approx(0.8 * noise, rel=0.25)
     assert "periodic at 37." in described(*shaken)[0]
     assert "unrelated to the excitation" in described(*shaken)[0]
+
+
+def test_what_repeats_itself_is_no_noise(fitted):
+    # this adds 1 % to the sum of squares of one channel
+    steady = repeated(*with_more(fitted, lambda data, time: 0.15 * np.sin(3 * data.omega * time + data.phase)))
+    assert steady.sure
+    assert steady.steady > 10.0 * abs(steady.changing)
+    drifts = with_more(fitted, lambda data, time: (time - time.mean()) / time.max() * np.sin(data.omega * time))
+    found = repeated(*drifts)
+    assert found.sure
+    assert found.changing > 3.0 * abs(found.steady)
+    assert any("changing steadily" in each for each in described(*drifts))
+
+
+def test_what_does_not_keep_step_does_not_repeat_itself(fitted):
+    shaken = with_more(fitted, lambda data, time: 0.15 * np.sin(2.3 * data.omega * time))
+    assert not repeated(*shaken).sure
 
 
 def test_multiples_of_the_excitation_are_not_called_foreign(fitted):
