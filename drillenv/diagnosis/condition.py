@@ -189,8 +189,7 @@ def flight_reading(force: np.ndarray, noise: float, rate: float) -> np.ndarray:
     level = float(np.median(force[low]))
     level = level if abs(level) > noise else 0.0
     time = np.arange(force.size) / rate
-    flat = np.full(force.size, level)
-    best, found = HUM, flat
+    best, found = HUM, np.full(force.size, level)
     for frequency in MAINS:
         turned = 2 * math.pi * frequency * time
         basis = np.column_stack([np.ones_like(time), np.sin(turned), np.cos(turned)])
@@ -237,10 +236,10 @@ def common_lag(data: Sequence[Conditioned], rig: Rig) -> float:
     for each in data:
         force, acceleration = each.force, each.acceleration
         angle = each.phase + each.omega * np.arange(force.size) / each.rate
-        lags.append(lag(rig, each.setting, force, acceleration, angle, each.rate) * each.rate)
-    usual = float(np.median(lags))
-    alike = np.max(np.abs(np.array(lags) - usual)) <= ALIKE
-    return usual / data[0].rate if alike and abs(usual) >= EVIDENT else 0.0
+        lags.append(lag(rig, each.setting, force, acceleration, angle, each.rate))
+    usual, sample = float(np.median(lags)), max(1.0 / each.rate for each in data)
+    alike = np.max(np.abs(np.array(lags) - usual)) <= ALIKE * sample
+    return usual if alike and abs(usual) >= EVIDENT * sample else 0.0
 
 
 def contacts(force: np.ndarray, noise: float) -> np.ndarray:

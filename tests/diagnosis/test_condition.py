@@ -6,6 +6,7 @@ import pytest
 from drillenv.diagnosis.condition import (
     Conditioned,
     acceleration_level,
+    common_lag,
     condition,
     contacts,
     flight_reading,
@@ -72,6 +73,17 @@ def test_an_indenter_that_is_pressed_on_lightly_does_not_fly():
     # 29 blows are whole, and ten of the flights between them are none
     assert len(found) == 18
     assert all(force[first:after].mean() < 3.0 for first, after in found)
+
+
+@pytest.mark.parametrize(("late", "found"), [(2e-4, 2e-4), (2e-5, 0.0), (0.0, 0.0)])
+def test_a_lag_that_recordings_share_is_told_whatever_their_sample_rates(late, found):
+    data, rig = [], Rig()
+    for rate in (25600.0, 40000.0):
+        lagging = (make("channel-delay", delay_a=late),) if late else ()
+        play = rehearse(np.random.default_rng(3), 4, lagging, recordings=3, seconds=0.2, sample_rate=rate)
+        data += [condition(each, rig) for each in play.campaign.recordings]
+    # 2 % of it, or half a microsecond
+    assert common_lag(data, rig) == pytest.approx(found, rel=0.02, abs=5e-7)
 
 
 @pytest.fixture(scope="module")
