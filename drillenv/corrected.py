@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from drillenv.checks import InputError, shown
 from drillenv.files import whole
+from drillenv.recordings.document import DRILL
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from drillenv.dynamics.effects import Chosen
 
 FORMAT = "drillenv-model/1"
-RIG = "percussive-drill"
 LARGEST_FILE = 1_000_000
 """Bytes; a model file has a few hundred."""
 RIG_CONSTANTS = tuple(each.name for each in fields(Rig))
@@ -106,8 +106,8 @@ def model_from_record(record: object) -> Corrected:
     for key in record:
         if key not in ("format", "rig", "constants", "effects"):
             raise InputError(f"unknown key {shown(key)}: a model has format, rig, constants and effects")
-    if record.get("rig", RIG) != RIG:
-        raise InputError(f"rig is {shown(record['rig'])}: give a model of the {RIG}, the rig that is simulated")
+    if record.get("rig", DRILL) != DRILL:
+        raise InputError(f"rig is {shown(record['rig'])}: give a model of the {DRILL}, the rig that is simulated")
     constants = record.get("constants", {})
     if not isinstance(constants, dict):
         raise InputError(f"constants is {shown(constants)}: give a record of names and values")
@@ -144,7 +144,7 @@ def model_record(model: Corrected) -> dict[str, Any]:
     if model.rock is not None:
         constants |= {name: getattr(model.rock, name) for name in ROCK_CONSTANTS}
     effects = [effect_record(chosen) for chosen in model.effects]
-    return {"format": FORMAT, "rig": RIG, "constants": constants, "effects": effects}
+    return {"format": FORMAT, "rig": DRILL, "constants": constants, "effects": effects}
 
 
 def effect_record(chosen: Chosen) -> dict[str, Any]:

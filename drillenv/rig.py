@@ -17,6 +17,16 @@ PRESSURE_RANGE = (0.6, 1.8)  # bar
 # Eq. 3.5, F_a = (DRIVE_SLOPE f + DRIVE_BASE) A, in N/(Hz V) and N/V, and Eq. 3.6, F_b = PUSH p, in N/bar.
 DRIVE_SLOPE, DRIVE_BASE, PUSH = 2.40, 876.19, 196.35
 
+TOLERANCES = {
+    "shaker_mass": 1.0,
+    "indenter_mass": 0.01,
+    "stiffness": 2000.0,
+    "damping": 75.0,
+    "drive_gain": 0.015,
+    "pressure_gain": 0.02,
+}
+"""Standard deviations in SI with which a lab knows the constants of a :class:`Rig`."""
+
 # What a Setting accepts: wider than the box, since Fig. 2.5 runs at 150 Hz and boundaries lie outside it, but
 # narrow enough that no value of the box written in another unit (rad/s, rpm, kHz, mV, kPa, MPa, psi) fits.
 FREQUENCY_LIMITS = (10.0, 250.0)

@@ -19,20 +19,11 @@ from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording
 from drillenv.recordings.campaign import Channel
-from drillenv.rig import Rig, Setting
+from drillenv.rig import TOLERANCES, Rig, Setting
 from drillenv.rocks import Rock, rock
 
-TOLERANCES = {
-    "shaker_mass": 1.0,
-    "indenter_mass": 0.01,
-    "stiffness": 2000.0,
-    "damping": 75.0,
-    "drive_gain": 0.015,
-    "pressure_gain": 0.02,
-}
-"""Standard deviations of the rig's constants, in SI; those of the rock are shares of its stiffness."""
 ROCK_TOLERANCE = 0.03, 0.04
-"""Of k_l and k_u."""
+"""Standard deviations of k_l and k_u, as shares of them."""
 MOST_OFF = 1.5
 """Standard deviations by which a constant is off at most, where it is not wrong on purpose."""
 NOISE = PerChannel(0.002, 5.0, 2.0)

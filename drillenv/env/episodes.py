@@ -11,7 +11,7 @@ import numpy as np
 
 from drillenv.checks import InputError, count, number, shown
 from drillenv.env.plant import LAYER_SIZE, MOST_LAYERS, RIG_SIZE
-from drillenv.rig import Rig, Setting
+from drillenv.rig import TOLERANCES, Rig, Setting
 from drillenv.rocks import ROCKS, STIFFNESS_LIMITS, Rock
 
 START = Setting(frequency=85.0, amplitude=0.45, pressure=0.6)
@@ -24,15 +24,6 @@ THICKNESS_RANGE = (5e-3, 20e-3)
 """Thickness of a layer in m: 3 to 10 s of drilling."""
 DRILLED_AT_MOST = 0.3
 """Depth in m that no rig reaches in the 60 s of an episode (at 5 mm/s)."""
-CONSTANT_SPREAD = {
-    "shaker_mass": 1.0,
-    "indenter_mass": 0.01,
-    "stiffness": 2000.0,
-    "damping": 75.0,
-    "drive_gain": 0.015,
-    "pressure_gain": 0.02,
-}
-"""Standard deviations in SI with which a lab knows the constants of Table 2.1."""
 KEYS = ("layers", "lag", "blows", "phase", "rig", "effects")
 
 
@@ -69,14 +60,14 @@ class Episode:
             "lag": round(self.lag, 4),
             "blows": self.blows,
             "phase": round(self.phase, 4),
-            "rig": {name: round(value, 6) for name, value in zip(CONSTANT_SPREAD, self.rig.tolist(), strict=True)},
+            "rig": {name: round(value, 6) for name, value in zip(TOLERANCES, self.rig.tolist(), strict=True)},
             "effects": {name: dict(values) for name, values in self.effects.items()},
         }
 
 
 def rig_array(rig: Rig) -> np.ndarray:
-    """(RIG_SIZE,) the constants of a rig, in the order of CONSTANT_SPREAD."""
-    return np.array([getattr(rig, name) for name in CONSTANT_SPREAD])
+    """(RIG_SIZE,) the constants of a rig, in the order of TOLERANCES."""
+    return np.array([getattr(rig, name) for name in TOLERANCES])
 
 
 def read_episode(record: object, where: str) -> Episode:
@@ -105,8 +96,8 @@ def read_episode(record: object, where: str) -> Episode:
         else:
             depth += number(f"{name} thickness", row[2], 0.1, 1e6, "mm") * 1e-3
         layers[j] = kl, ku, depth, count(f"{name} case", row[3], 0, len(ROCKS))
-    if not isinstance(record["rig"], Mapping) or set(record["rig"]) != set(CONSTANT_SPREAD):
-        raise InputError(f"{where}: rig is {shown(record['rig'])}: give a record with {', '.join(CONSTANT_SPREAD)}")
+    if not isinstance(record["rig"], Mapping) or set(record["rig"]) != set(TOLERANCES):
+        raise InputError(f"{where}: rig is {shown(record['rig'])}: give a record with {', '.join(TOLERANCES)}")
     return Episode(
         layers=layers,
         lag=number(f"{where} lag", record["lag"], 1e-3, 100.0, "s"),
@@ -185,7 +176,7 @@ def _rocks_beyond(m: int, rng: np.random.Generator) -> np.ndarray:
 
 def draw_rig(rig: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(6,) constants drawn about those of ``rig`` with the error that a lab has on them."""
-    spread = np.array(list(CONSTANT_SPREAD.values()))
+    spread = np.array(list(TOLERANCES.values()))
     return rig + spread * np.clip(rng.standard_normal(RIG_SIZE), -3.0, 3.0)
 
 

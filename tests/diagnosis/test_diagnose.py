@@ -17,18 +17,10 @@ from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording
 from drillenv.recordings.campaign import Channel
+from drillenv.rig import TOLERANCES
 
 SETTINGS = ((118.0, 0.42, 0.95), (76.0, 0.55, 0.8), (95.0, 0.38, 1.3), (62.0, 0.45, 1.2), (108.0, 0.5, 1.0))
-TOLERANCES = {
-    "shaker_mass": 1.0,
-    "indenter_mass": 0.01,
-    "stiffness": 2000.0,
-    "damping": 75.0,
-    "drive_gain": 0.015,
-    "pressure_gain": 0.02,
-    "loading_stiffness": 0.56e6,
-    "unloading_stiffness": 1.0e6,
-}
+STATED = {**TOLERANCES, "loading_stiffness": 0.56e6, "unloading_stiffness": 1.0e6}
 NOISE = PerChannel(0.002, 5.0, 2.0)
 
 
@@ -58,9 +50,9 @@ def campaign_with(rig=None, effects=(), sensors=(), seed=0, seconds=0.25):
         }
         starts = "fresh" if fresh else "running"
         recordings.append(Recording(f"r{i}", f"r{i}.csv", 25600.0, channels, starts, Setting(*setting)))
-    values = {name: getattr(believed, name) for name in list(TOLERANCES)[:6]}
-    values |= {name: getattr(pair, name) for name in list(TOLERANCES)[6:]}
-    nominal = {name: Nominal(values[name], std, "SI") for name, std in TOLERANCES.items()}
+    values = {name: getattr(believed, name) for name in list(STATED)[:6]}
+    values |= {name: getattr(pair, name) for name in list(STATED)[6:]}
+    nominal = {name: Nominal(values[name], std, "SI") for name, std in STATED.items()}
     return Campaign("made up", "percussive-drill", nominal, tuple(recordings), Path("."))
 
 
