@@ -118,6 +118,11 @@ class Hypothesis(NamedTuple):
         """All unknowns in order."""
         return self.constants + tuple(each for _name, _held, free in self.effects for each in free)
 
+    @property
+    def mechanisms(self) -> tuple[str, ...]:
+        """Names of its effects."""
+        return tuple(name for name, _held, _free in self.effects)
+
     def acting_on(self, recording: str) -> np.ndarray:
         """Indices of the parameters that have to do with a recording."""
         named = [i for i, each in enumerate(self.parameters) if each.recording in ("", recording)]
@@ -527,7 +532,7 @@ def joined(
     the median of its speeds, and the better of both ends is taken. ``known`` is as in :func:`fit`.
     """
     found = fit(recordings, hypothesis, workers, values, states, JOINED, known)
-    if not any(REGISTRY[name].grips == ON_SHAKER for name, _held, _free in hypothesis.effects):
+    if not any(REGISTRY[name].grips == ON_SHAKER for name in hypothesis.mechanisms):
         return found
     level = [own.copy() for own in states]
     for data, own in zip(recordings, level, strict=True):

@@ -61,8 +61,7 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
     ``loose`` widens the joints between windows: a fit that is far off has none to speak of. ``seed`` is for what chance
     gives.
     """
-    taken = {name for name, _held, _free in fitted.hypothesis.effects}
-    tried = [each for each in variants() if each.mechanism not in taken]
+    tried = [each for each in variants() if each.mechanism not in fitted.hypothesis.mechanisms]
 
     def marks(data: Conditioned, states: np.ndarray, base) -> dict[Variant, tuple[np.ndarray, np.ndarray]]:
         found = {}

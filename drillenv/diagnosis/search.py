@@ -320,7 +320,7 @@ def _scan(
     """Mechanisms that a first look cannot judge, each fitted from the best of several strengths."""
     found, few = [], slice(0, SCAN_ON)
     for mechanism, places in SCANNED.items():
-        if mechanism in {name for name, _held, _free in now.hypothesis.effects}:
+        if mechanism in now.hypothesis.mechanisms:
             continue
         say(f"scanning {mechanism}")
         costs = []
@@ -350,7 +350,7 @@ def _scan_joined(
     """
     found = []
     for mechanism, places in SCANNED_JOINED.items():
-        if mechanism in {name for name, _held, _free in now.hypothesis.effects}:
+        if mechanism in now.hypothesis.mechanisms:
             continue
         say(f"scanning {mechanism}")
         for place in places:
