@@ -381,12 +381,13 @@ class _Search:
             self._move_to(self.at, *self._stand(self.at, self.now, stage))
             if stage.settle and self.led:
                 self._rescue(stage, ASTRAY)
-        self._rescue(stage, LEFT_OUT, few=True)
         rounds = 0
-        while True:
-            rounds += self._descend(stage, stage.rounds - rounds)
-            if rounds == stage.rounds or not self._rescue(stage, LEFT_OUT, few=True):
+        # a rescue costs about a round, and counts as one where it led nowhere: so this ends
+        while rounds < stage.rounds:
+            rescued = self._rescue(stage, LEFT_OUT, few=True)
+            if not rescued and rounds:
                 break
+            rounds += max(self._descend(stage, stage.rounds - rounds), 1)
 
     def end(self, stage: Stage) -> Fit:
         """What the fit came to."""
@@ -462,7 +463,7 @@ class _Search:
         try:
             other, said = self._stand(self.at, begun, stage._replace(settle=stage.settle or RESCUE))
             again = self.workers.each(window_costs, self.recordings, other, self.guess, said)
-            better = [one & (late < early) for one, early, late in zip(off, costs, again, strict=True)]
+            better = [one & (late < early - CONVERGED) for one, early, late in zip(off, costs, again, strict=True)]
             if not any(one.any() for one in better):
                 return False
             mixed = [np.where(one[:, None], b, a) for one, a, b in zip(better, self.now, other, strict=True)]
