@@ -1,6 +1,9 @@
-"""What every test needs: compiled kernels that belong to the sources as they are."""
+"""What every test needs: compiled kernels that belong to the sources as they are; and which tests are asked for."""
 
+import os
 from pathlib import Path
+
+import pytest
 
 import drillenv
 
@@ -15,3 +18,12 @@ def pytest_configure(config) -> None:
     if any(path.stat().st_mtime < changed for path in compiled):
         for path in compiled:
             path.unlink(missing_ok=True)
+
+
+def pytest_collection_modifyitems(items) -> None:
+    """Leave out what is thorough unless it is asked for."""
+    if os.environ.get("DRILLENV_THOROUGH") == "1":
+        return
+    for item in items:
+        if "thorough" in item.keywords:
+            item.add_marker(pytest.mark.skip(reason="takes long: set DRILLENV_THOROUGH=1"))

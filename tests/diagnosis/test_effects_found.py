@@ -1,7 +1,5 @@
 """Each mechanism of the library, put into small campaigns by the general engine, is found again."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -22,7 +20,7 @@ QUICK = (
     "mains-hum",
     "sensor-offset",
 )
-"""The others take half a minute or more each: set DRILLENV_THOROUGH=1 to have them run."""
+"""The others take half a minute or more each."""
 SURE = 3.0
 """Standard deviations within which strengths are asked to lie; 1.96 would fail one in twenty."""
 
@@ -32,17 +30,10 @@ def test_every_mechanism_of_the_drilling_rig_is_looked_for():
     assert set(FOUND) == acting
 
 
-def cases():
-    """Every mechanism, the slow ones only where they are asked for."""
-    thorough = os.environ.get("DRILLENV_THOROUGH") == "1"
-    for name in FOUND:
-        marks = [pytest.mark.slow]
-        if name not in QUICK and not thorough:
-            marks.append(pytest.mark.skip(reason="takes long: set DRILLENV_THOROUGH=1"))
-        yield pytest.param(name, marks=marks)
-
-
-@pytest.mark.parametrize("name", list(cases()))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", [each if each in QUICK else pytest.param(each, marks=pytest.mark.thorough) for each in FOUND]
+)
 def test_mechanism_is_found(name):
     rng = np.random.default_rng(SEED)
     chosen = drawn_effect(name, rng)

@@ -321,9 +321,10 @@ def test_a_few_bodies_with_nothing_missing_agree():
 
 
 @pytest.mark.slow
-def test_a_hundred_and_twenty_bodies_with_nothing_missing_agree():
-    alarms = [seed for seed in range(120) if check_null(seed) != "agrees"]
-    assert len(alarms) <= 1, alarms
+@pytest.mark.parametrize(("count", "most"), [(30, 0), pytest.param(120, 1, marks=pytest.mark.thorough)])
+def test_bodies_with_nothing_missing_agree(count, most):
+    alarms = [seed for seed in range(count) if check_null(seed) != "agrees"]
+    assert len(alarms) <= most, alarms
 
 
 @pytest.mark.slow
