@@ -96,8 +96,10 @@ SCANNED = {
     "rock-mount-compliance": tuple(
         {"s_r": s, "m_r": m, "zeta_r": 0.1} for m in (12.0, 25.0, 50.0, 85.0) for s in (6e-9, 1.2e-8, 2.2e-8, 4e-8)
     ),
+    "force-limit": tuple({"F_max": force} for force in (150.0, 190.0, 240.0, 300.0)),
 }
-"""Where a mechanism is looked for whose mark at one strength says nothing of that at another, since it resonates."""
+"""Where a mechanism is looked for whose mark at one strength says nothing of that at another: what resonates, and a
+limit that a fit without it never comes near, with the drive as much weaker."""
 SCANNED_JOINED = {
     "backlash": ({"g": 3e-4, "y0": -1e-4}, {"g": 8e-4, "y0": -2e-5}),
     "guide-friction": ({"fc1": 100.0, "vs1": 2e-3},),

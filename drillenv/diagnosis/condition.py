@@ -44,6 +44,8 @@ LEVEL = 0.25
 """Standard deviations of the acceleration's noise from which its mean is no noise."""
 HUM = 40.0
 """Half a sum of squares that a hum has to explain of the force in flight."""
+IN_STEP = 0.5
+"""Turns by which mains drift away from the excitation, or from every other of its periods, to be told from it."""
 STEEP = 3.0
 """Standard deviations of the force in flight beyond which no hum is read into it: flights locked to the mains say
 nothing of what it is between them."""
@@ -180,10 +182,11 @@ def spring_from_force(
     return driven[0] + weights @ free[0], driven[1] + weights @ free[1]
 
 
-def flight_reading(force: np.ndarray, noise: float, rate: float) -> np.ndarray:
+def flight_reading(force: np.ndarray, noise: float, rate: float, omega: float) -> np.ndarray:
     """(n,) what the load cell shows off the rock in N: its zero and the mains, where they are more than its noise.
 
     Flights are the lowest part of the force: what lies within noise of its twentieth part, and of what is read there.
+    Mains that stay in step with the excitation of ``omega`` rad/s are not read: light presses on the rock pass for them.
     """
     low = force < np.percentile(force, 5.0) + 4.0 * noise
     level = float(np.median(force[low]))
@@ -192,6 +195,9 @@ def flight_reading(force: np.ndarray, noise: float, rate: float) -> np.ndarray:
     best, found = HUM, np.full(force.size, level)
     for frequency in MAINS:
         turned = 2 * math.pi * frequency * time
+        beats = [abs(order * frequency - omega / (2 * math.pi)) * force.size / rate for order in (1, 2)]
+        if min(beats) < IN_STEP:
+            continue
         basis = np.column_stack([np.ones_like(time), np.sin(turned), np.cos(turned)])
         # the first flights are those in the hum's trough, with some of its height
         off = force < level + 2.0 * TOUCH * noise
@@ -281,7 +287,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         samples = np.arange(force.size)
         now = np.interp(samples + late * rate, samples, acceleration)
     # whatever the load cell says in flight is not of the rock
-    resting = force - flight_reading(force, noise[0], rate)
+    resting = force - flight_reading(force, noise[0], rate, omega)
     touches = contacts(resting, noise[0])
     if len(touches) < 3:
         raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")

@@ -40,7 +40,7 @@ SCAN_ON, SCAN_ROUNDS = 2, 3
 FAR = 30.0
 """Sum of squares over samples above which it is not a mount that is missing: the scan would take long for nothing."""
 MUCH = 0.01
-"""Share of what the plain model leaves that a lag of several samples leaves at most, to be taken at once."""
+"""Share of what the plain model leaves that a mechanism leaves at most, to be taken at once: no other does as well."""
 SLACK = 8.0
 """Gain beyond that of the luckiest candidate that a mechanism has to bring, in half sums of squares of every fourth
 sample: noise is never quite white, nor is another's friction quite this one's."""
@@ -116,6 +116,10 @@ def next_step(
     if not rivals and not _softened(now):
         return None, passed, now
     tried: list[Tried] = []
+    if _weakened(now):
+        tried += _scan("force-limit", thin, now, loosely, workers, say)
+        if any(each.fitted.cost < MUCH * now.cost for each in tried):
+            rivals = []
     winner: Rival | None = None
     worth = math.inf
     for rival in rivals:
@@ -145,10 +149,10 @@ def next_step(
         tried[0] = _onward(thin, tried[0], workers)
     best = tried[0].fitted if tried else now
     scans = not beside and best.per_sample > FLOOR and now.per_sample < FAR
-    if _softened(best) or (scans and hidden):
+    if (_softened(best) and now.per_sample < FAR) or (scans and hidden):
         tried += _scan_joined(thin, now, loosely, workers, say)
     if scans and rivals and not hidden:
-        tried += _scan(thin, now, loosely, workers, say)
+        tried += _scan("rock-mount-compliance", thin, now, loosely, workers, say)
     tried.sort(key=_order)
     if not tried:
         return None, passed, now
@@ -169,6 +173,11 @@ def next_step(
 def _softened(fitted: Fit) -> bool:
     """Whether a fit that is close needs a spring softer than anybody believes: play passes for that."""
     return fitted.per_sample <= CLOSE and fitted.deviations[CONSTANTS.index("stiffness")] < -SEVERAL
+
+
+def _weakened(fitted: Fit) -> bool:
+    """Whether a fit needs a drive weaker than anybody believes: a limit of its force passes for that."""
+    return fitted.deviations[CONSTANTS.index("drive_gain")] < -SEVERAL
 
 
 def _noticed(now: Fit, better: Fit) -> bool:
@@ -315,29 +324,25 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
 
 
 def _scan(
-    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
+    mechanism: str, thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
 ) -> list[Tried]:
-    """Mechanisms that a first look cannot judge, each fitted from the best of several strengths."""
-    found, few = [], slice(0, SCAN_ON)
-    for mechanism, places in SCANNED.items():
-        if mechanism in now.hypothesis.mechanisms:
-            continue
-        say(f"scanning {mechanism}")
-        costs = []
-        for place in places:
-            hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
-            try:
-                physics = [hypothesis.physics(values, data.name) for data in thin[few]]
-                costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
-            except (InputError, np.linalg.LinAlgError):
-                costs.append(math.inf)
-        best = places[int(np.argmin(costs))]
+    """A mechanism that a first look cannot judge, fitted from the best of several strengths; none if it is there."""
+    if mechanism in now.hypothesis.mechanisms:
+        return []
+    say(f"scanning {mechanism}")
+    costs, places, few = [], SCANNED[mechanism], slice(0, SCAN_ON)
+    for place in places:
+        hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
         try:
-            hypothesis, values = placed_at(now.hypothesis, mechanism, best, thin)
-            found.append(_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers))
+            physics = [hypothesis.physics(values, data.name) for data in thin[few]]
+            costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
         except (InputError, np.linalg.LinAlgError):
-            continue
-    return found
+            costs.append(math.inf)
+    hypothesis, values = placed_at(now.hypothesis, mechanism, places[int(np.argmin(costs))], thin)
+    try:
+        return [_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers)]
+    except (InputError, np.linalg.LinAlgError):
+        return []
 
 
 def _scan_joined(

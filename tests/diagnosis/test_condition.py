@@ -39,7 +39,7 @@ def blows(rng, frequency=73.0, lightly=0.0):
 def test_hum_and_zero_of_a_load_cell_are_read_in_flight(level, hum, mains):
     time, force, off = blows(np.random.default_rng(5))
     shown = level + hum * np.sin(2 * np.pi * mains * time + 1.0)
-    read = flight_reading(force + shown, NOISE, RATE)
+    read = flight_reading(force + shown, NOISE, RATE, 2 * np.pi * 73.0)
     assert np.abs(read - shown)[off].max() < 0.5 * NOISE
 
 
@@ -47,7 +47,16 @@ def test_hum_and_zero_of_a_load_cell_are_read_in_flight(level, hum, mains):
 def test_a_load_cell_that_does_not_hum_shows_nothing(frequency):
     for seed in range(10):
         _time, force, _off = blows(np.random.default_rng(seed), frequency)
-        assert not flight_reading(force, NOISE, RATE).any()
+        assert not flight_reading(force, NOISE, RATE, 2 * np.pi * frequency).any()
+
+
+@pytest.mark.parametrize(("frequency", "mains"), [(60.6, 60.0), (99.2, 50.0)])
+def test_light_presses_in_step_with_the_mains_are_no_hum(frequency, mains):
+    time, force, off = blows(np.random.default_rng(5), frequency)
+    force += np.where(off, np.maximum(28.0 * np.sin(2 * np.pi * frequency * time + 4.0), 0.0), 0.0)
+    assert not flight_reading(force, NOISE, RATE, 2 * np.pi * frequency).any()
+    # elsewhere as much is read into it
+    assert flight_reading(force, NOISE, RATE, 2 * np.pi * 73.0).any() == (mains == 60.0)
 
 
 def test_zero_of_an_accelerometer_is_its_mean_between_standstills():
