@@ -52,7 +52,7 @@ STEP = 0.02
 PLAY = "backlash g"
 """Is moved back as far as the states move the spring on: beyond its play a rig feels nothing of how wide it is, and the
 difference of two unlike steps would be taken for a feeling."""
-CONVERGED, CRAWLING = 0.3, 0.01
+CONVERGED, CRAWLING = 0.3, 0.04
 """A round that lowers half the sum of squares by less than this, or than this share of what it is above the noise's,
 ends a stage."""
 
