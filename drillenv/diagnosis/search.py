@@ -149,8 +149,10 @@ def next_step(
         tried[0] = _onward(thin, tried[0], workers)
     best = tried[0].fitted if tried else now
     scans = not beside and best.per_sample > FLOOR and now.per_sample < FAR
-    if (_softened(best) and now.per_sample < FAR) or (scans and hidden):
-        tried += _scan_joined(thin, now, loosely, workers, say)
+    if scans and hidden:
+        tried += _scan_joined(tuple(SCANNED_JOINED), thin, now, loosely, workers, say)
+    elif _softened(best) and now.per_sample < FAR:
+        tried += _scan_joined(("backlash",), thin, now, loosely, workers, say)
     if scans and rivals and not hidden:
         tried += _scan("rock-mount-compliance", thin, now, loosely, workers, say)
     tried.sort(key=_order)
@@ -346,7 +348,12 @@ def _scan(
 
 
 def _scan_joined(
-    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
+    mechanisms: Sequence[str],
+    thin: list[Conditioned],
+    now: Fit,
+    loosely: Fit,
+    workers: Workers,
+    say: Callable[[str], object],
 ) -> list[Tried]:
     """Mechanisms that a first look cannot judge and that no window on its own shows.
 
@@ -354,11 +361,11 @@ def _scan_joined(
     before ended, for the windows on their own do not say when the shaker stands still.
     """
     found = []
-    for mechanism, places in SCANNED_JOINED.items():
+    for mechanism in mechanisms:
         if mechanism in now.hypothesis.mechanisms:
             continue
         say(f"scanning {mechanism}")
-        for place in places:
+        for place in SCANNED_JOINED[mechanism]:
             try:
                 hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
                 if REGISTRY[mechanism].grips is None:
