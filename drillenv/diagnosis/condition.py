@@ -186,7 +186,7 @@ def flight_reading(force: np.ndarray, noise: float, rate: float, omega: float) -
     """(n,) what the load cell shows off the rock in N: its zero and the mains, where they are more than its noise.
 
     Flights are the lowest part of the force: what lies within noise of its twentieth part, and of what is read there.
-    Mains that stay in step with the excitation of ``omega`` rad/s are not read: light presses on the rock pass for them.
+    Mains in step with the excitation of ``omega`` rad/s are not read: light presses on the rock pass for them.
     """
     low = force < np.percentile(force, 5.0) + 4.0 * noise
     level = float(np.median(force[low]))
