@@ -528,16 +528,17 @@ def joined(
 ) -> Fit:
     """The fit with windows that join, from windows fitted each on its own.
 
-    Where dry friction holds the shaker, one window that has its speed wrong pulls those after it along, and since
-    friction does not notice by how much, no step leads back. So all windows of a rig that was running also begin with
-    the median of its speeds, and the better of both ends is taken. ``known`` is as in :func:`fit`.
+    Where dry friction holds the shaker, one that begins with a wrong speed glides as long as its mass takes, and since
+    friction does not notice how fast, no step leads back. But a rig that was running has long been steady. So the
+    windows begin again with the shaker's part of what the later half of them came to, and the better end is taken.
+    ``known`` is as in :func:`fit`.
     """
     found = fit(recordings, hypothesis, workers, values, states, JOINED, known)
     if not any(REGISTRY[name].grips == ON_SHAKER for name in hypothesis.mechanisms):
         return found
-    level = [own.copy() for own in states]
-    for data, own in zip(recordings, level, strict=True):
+    steady = [own.copy() for own in found.states]
+    for data, own in zip(recordings, steady, strict=True):
         if not data.fresh:
-            own[:, 1] = np.median(own[:, 1])
-    other = fit(recordings, hypothesis, workers, values, level, JOINED)
+            own[:, :2] = np.median(own[len(own) // 2 :, :2], axis=0)
+    other = fit(recordings, hypothesis, workers, found.values, steady, JOINED)
     return min(found, other, key=lambda each: each.cost)
