@@ -456,10 +456,10 @@ class _Search:
         if share == 0.0 or (few and share > 0.5):
             return False
         begun = [np.where(one[:, None], first, own) for one, first, own in zip(off, self.guess, self.now, strict=True)]
-        if not stage.settle:
-            # the windows before them know the shaker better than any guess
-            for own, one, said in zip(begun, off, self.made, strict=True):
-                own[1:, :2] = np.where(one[1:, None], said.ends[:-1, :2], own[1:, :2])
+        for own, one, said in zip(begun, off, self.made, strict=True):
+            # the windows before them know the shaker better than any guess, if they are not astray themselves
+            known = one[1:] & ~one[:-1] if stage.settle else one[1:]
+            own[1:, :2] = np.where(known[:, None], said.ends[:-1, :2], own[1:, :2])
         try:
             other, said = self._stand(self.at, begun, stage._replace(settle=stage.settle or RESCUE))
             again = self.workers.each(window_costs, self.recordings, other, self.guess, said)

@@ -6,7 +6,7 @@ import pytest
 from drillenv.diagnosis.candidates import variants
 from drillenv.diagnosis.rehearsal import drawn_effect, rehearse
 from drillenv.diagnosis.report import diagnose
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, make
 
 FOUND = sorted({each.mechanism for each in variants()})
 SEED = 7
@@ -50,3 +50,14 @@ def test_mechanism_is_found(name):
         if symbol.startswith("vs") and true[symbol] == 0.0:
             continue  # a grip: as sharp as the fit goes
         assert abs(found["value"] - true[symbol]) < SURE * found["std"], symbol
+
+
+@pytest.mark.slow
+def test_a_drive_limited_to_half_of_what_it_asks_for_is_no_weak_drive():
+    chosen = make("force-limit", F_max=170.0)
+    campaign = rehearse(np.random.default_rng(SEED), 4, (chosen,), recordings=5, seconds=0.2).campaign
+    report = diagnose(campaign)
+    assert [each["mechanism"] for each in report.record["findings"]] == ["force-limit"]
+    found = report.record["findings"][0]["parameters"]["F_max"]
+    assert abs(found["value"] - 170.0) < SURE * found["std"]
+    assert "drive_gain" not in report.record["parameters"]
