@@ -16,7 +16,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
 help:
 	@echo "make demo       reproduce the paper's motions into out/paper"
-	@echo "make test       every test"
+	@echo "make test       every test but the longest; DRILLENV_THOROUGH=1 adds them"
 	@echo "make test-fast  the tests that take a few seconds at most"
 	@echo "make lint       ruff and pyright"
 	@echo "make bench      what is faster than what, measured here"
