@@ -101,8 +101,8 @@ SCANNED = {
 """Where a mechanism is looked for whose mark at one strength says nothing of that at another: what resonates, and a
 limit that a fit without it never comes near, with the drive as much weaker."""
 SCANNED_JOINED = {
-    "backlash": ({"g": 3e-4, "y0": -1e-4}, {"g": 8e-4, "y0": -2e-5}),
     "guide-friction": ({"fc1": 100.0, "vs1": 2e-3},),
+    "backlash": ({"g": 3e-4, "y0": -1e-4}, {"g": 8e-4, "y0": -2e-5}),
 }
 """The same where no window on its own shows it. A spring has no stiffness left in its play, and all of it outside; a
 shaker that dry friction holds now and then has to be held from the beginning, or nothing tells the fit when."""

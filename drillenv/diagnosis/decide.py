@@ -143,13 +143,11 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
                 steps.append(step)
                 loosely, now = step.loosely, step.fitted
                 say(f"{step.mechanism}: gain {step.gain:.0f}")
-        # what acts on the shaker shows only where windows join
-        hidden = now.per_sample > FLOOR >= loosely.per_sample
         for _look in range(2 * MOST):
             if len(steps) == MOST:
                 break
             say(f"looking for what is missing ({now.per_sample:.3f} of the noise is left)")
-            step, rejected, better = next_step(thin, now, loosely, hidden, workers, say)
+            step, rejected, better = next_step(thin, now, loosely, workers, say)
             news, now = better is not now, better
             if not steps:
                 plain = now

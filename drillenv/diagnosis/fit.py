@@ -14,6 +14,7 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.shooting import (
     JOIN,
+    KEPT,
     STATE_STEPS,
     Physics,
     Prediction,
@@ -55,6 +56,8 @@ difference of two unlike steps would be taken for a feeling."""
 CONVERGED, CRAWLING = 0.3, 0.04
 """A round that lowers half the sum of squares by less than this, or than this share of what it is above the noise's,
 ends a stage."""
+ROUGHLY = 3.0
+"""The same for the first where each window is fitted on its own: that is only to find from where to join them."""
 
 ASTRAY, LEFT_OUT = 4.0, 1.5
 """Half a sum of squares over the samples of a window, 1 of noise alone, from which it may have been led astray: as a
@@ -370,27 +373,37 @@ class _Search:
         self.parts: list[Quadratic] = []
         self.slopes: list[Slopes] = []
         self.columns: list = []
-        self.taken, self.seen = 0, known is not None
+        self.taken, self.seen, self.stale = 0, known is not None, False
         if known is not None:
             self.at, self.now = known.values.copy(), [each.copy() for each in known.states]
             self.made, self.slopes, self.columns = known.predictions, known.slopes, known.columns
 
     def run(self, stage: Stage) -> None:
         """Take the steps of a stage."""
+        self.seen, self.stale = self.seen and not self.stale, False
         if stage.settle or not self.made:
             self._move_to(self.at, *self._stand(self.at, self.now, stage))
             if stage.settle and self.led:
                 self._rescue(stage, ASTRAY)
-        rounds = 0
-        # a rescue costs about a round, and counts as one where it led nowhere: so this ends
+        self._rescue(stage, LEFT_OUT, few=True)
+        rounds = self._descend(stage, stage.rounds)
         while rounds < stage.rounds:
-            rescued = self._rescue(stage, LEFT_OUT, few=True)
-            if not rescued and rounds:
-                break
-            rounds += max(self._descend(stage, stage.rounds - rounds), 1)
+            before, place = self._cost(self.at, self.now, self.made, stage), self._place()
+            if not self._rescue(stage, LEFT_OUT, few=True):
+                return
+            # a rescue costs about a round: so this ends
+            taken = 1 + self._descend(stage, stage.rounds - rounds)
+            rounds += taken
+            cost = self._cost(self.at, self.now, self.made, stage)
+            if before - cost < taken * self._little(stage, cost):
+                # windows that would rather be elsewhere, and cannot be joined from there
+                if cost > before:
+                    self._return_to(place)
+                return
 
     def end(self, stage: Stage) -> Fit:
         """What the fit came to."""
+        self.seen = self.seen and not self.stale
         self._look(stage)
         cost = self._cost(self.at, self.now, self.made, stage)
         return Fit(
@@ -399,23 +412,44 @@ class _Search:
         )  # fmt: skip
 
     def _descend(self, stage: Stage, rounds: int) -> int:
-        """Step after step as long as they gain something; how many it were."""
-        for taken in range(rounds):
+        """Step after step as long as they gain something; how many it were, those on slopes of the step before aside.
+
+        Slopes cost ten times as much as a step. They are used again where they promised about what they brought.
+        """
+        taken = 0
+        while taken < rounds:
             before = self._cost(self.at, self.now, self.made, stage)
             # gaps at the joints say nothing of the model before the states have moved
             inside = sum(each.sum() for each in self._windows())
             found = self._better(stage, max(1.0, inside / self.noise))
+            again = self.stale
             if found is None:
-                return taken
-            self._move_to(*found)
+                if not again:
+                    return taken
+                self.seen = self.stale = False
+                continue
+            place, kept = found
+            self._move_to(*place)
             self.taken += 1
+            taken += not again
             cost = self._cost(self.at, self.now, self.made, stage)
-            if before - cost < max(CONVERGED, CRAWLING * (cost - self.noise)):
-                return taken + 1
+            little = before - cost < self._little(stage, cost)
+            if little and not again:
+                return taken
+            self.seen = self.stale = kept >= KEPT and not little
         return rounds
 
-    def _better(self, stage: Stage, heat: float) -> tuple[np.ndarray, list[np.ndarray], list[Prediction]] | None:
+    def _little(self, stage: Stage, cost: float) -> float:
+        """Gain that is not worth a round."""
+        return max(ROUGHLY if stage.settle else CONVERGED, CRAWLING * (cost - self.noise))
+
+    def _better(
+        self, stage: Stage, heat: float
+    ) -> tuple[tuple[np.ndarray, list[np.ndarray], list[Prediction]], float] | None:
         """A step of Gauss and Newton, shortened until it gains something: values, states and predictions, or None.
+
+        With them comes the share of the gain that the slopes promised, 0 for a step that was shortened. Slopes of a
+        step before are good for a whole one or none.
 
         ``heat`` is a factor on the weights of what is believed: a model that leaves so many times the noise is not to
         bend the constants out of all belief in its place.
@@ -424,7 +458,11 @@ class _Search:
         before = self._cost(self.at, self.now, self.made, stage, heat)
         gradient, curvature = sum_quadratics(self.parts, self.places, self.at.size)
         away = (self.at - self.centre) / self.widths
-        step = np.linalg.solve(curvature + np.diag(heat * self.prior + 1e-9), gradient - heat * self.prior * away)
+        pull = gradient - heat * self.prior * away
+        step = np.linalg.solve(curvature + np.diag(heat * self.prior + 1e-9), pull)
+        lowest = sum(each.value for each in self.parts) + 0.5 * heat * float(self.prior @ away**2) - 0.5 * pull @ step
+        if before - lowest < (ROUGHLY if stage.settle else CONVERGED):
+            return None
         share = 1.0
         while share > 0.02:
             point = np.clip(self.at + share * step * self.widths, self.low, self.high)
@@ -436,11 +474,14 @@ class _Search:
             for each in placed:
                 each[:, 3] = np.minimum(each[:, 3], 0.0)
             try:
-                placed, said = self._stand(point, placed, stage)
-                if self._cost(point, placed, said, stage, heat) < before:
-                    return point, placed, said
+                placed, said = self._stand(point, placed, stage, near=True)
+                gained = before - self._cost(point, placed, said, stage, heat)
+                if gained > 0.0:
+                    return (point, placed, said), float(gained / (before - lowest)) if share == 1.0 else 0.0
             except InputError:
                 pass
+            if self.stale:
+                break
             share *= 0.4
         return None
 
@@ -477,17 +518,24 @@ class _Search:
         return [window_costs(*each) for each in zip(self.recordings, self.now, self.guess, self.made, strict=True)]
 
     def _move_to(self, point: np.ndarray, placed: list[np.ndarray], said: list[Prediction]) -> None:
-        self.at, self.now, self.made, self.seen = point, placed, said, False
+        self.at, self.now, self.made, self.seen, self.stale = point, placed, said, False, False
+
+    def _place(self) -> tuple:
+        return self.at, self.now, self.made, self.slopes, self.columns, self.seen, self.stale
+
+    def _return_to(self, place: tuple) -> None:
+        self.at, self.now, self.made, self.slopes, self.columns, self.seen, self.stale = place
 
     def _stand(
-        self, point: np.ndarray, placed: Sequence[np.ndarray], stage: Stage
+        self, point: np.ndarray, placed: Sequence[np.ndarray], stage: Stage, near: bool = False
     ) -> tuple[list[np.ndarray], list[Prediction]]:
-        """States and predictions at values of the parameters."""
+        """States and predictions at values of the parameters, ``near`` to where the slopes were taken or not."""
         physics = [self.hypothesis.physics(point, data.name) for data in self.recordings]
         if not stage.settle:
             return list(placed), self.workers.each(predict, self.recordings, placed, physics)
         rounds = [stage.settle] * len(physics)
-        done = self.workers.each(settle_states, self.recordings, placed, self.guess, physics, rounds)
+        slopes = self.slopes if near and self.slopes else [None] * len(physics)
+        done = self.workers.each(settle_states, self.recordings, placed, self.guess, physics, rounds, slopes)
         return [each[0] for each in done], [each[1] for each in done]
 
     def _cost(
@@ -512,7 +560,7 @@ class _Search:
             self.columns = each(
                 columns_for, self.recordings, self.now, [self.hypothesis] * count, [self.at] * count, self.made
             )
-            self.seen = True
+            self.seen, self.stale = True, False
         marks, ends = [column[0] for column in self.columns], [column[1] for column in self.columns]
         joins = [JOIN * stage.loose] * len(marks)
         self.parts = each(quadratic, self.recordings, self.now, self.guess, self.made, self.slopes, marks, ends, joins)

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.candidates import FREED_LATE, SCANNED, SCANNED_JOINED
+from drillenv.diagnosis.candidates import FREED_LATE, SCANNED, SCANNED_JOINED, usual
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import Physics, settle_states, window_costs
-from drillenv.diagnosis.starts import carried, extended, holding, opened, placed_at
+from drillenv.diagnosis.starts import LINEAR, carried, extended, holding, opened, placed_at
 from drillenv.dynamics.effects import REGISTRY
 
 THIN = 4
@@ -30,17 +30,25 @@ WORTH = 0.2
 """Share of the best gain of the first look from which a mechanism is a rival."""
 CLEAR = 0.6
 """A rival whose first look gains less than this share of one that left nothing but noise is not fitted for good."""
+PROMISING = 0.5
+"""Share of what a fit leaves beyond the noise, of which a first look must explain so much that no scan comes before."""
 BEHIND = 0.1
 """Share of what such a one explains by which another, its windows still on their own, is too far behind to be
 joined."""
+JOINED_BY_FORCE = (JOINED[0], JOINED[1]._replace(rounds=6))
+"""How windows are joined only for a look."""
 LOOSE, SCANNING = (Stage(1e4, 4, 4),), (Stage(1e4, 6, 6),)
 """How a mechanism is fitted first, each window on its own: as a first look says, and from a scan."""
 SCAN_ON, SCAN_ROUNDS = 2, 3
 """A scan compares strengths on so many recordings, with so many rounds for the states, and fits the best one."""
+FORCED, BENT = 5.0, 2.0
+"""Sum of squares over samples up to which windows that are not close enough are joined all the same, for a look from
+there, and by what factor they may cost more then."""
 FAR = 30.0
 """Sum of squares over samples above which it is not a mount that is missing: the scan would take long for nothing."""
 MUCH = 0.01
-"""Share of what the plain model leaves that a mechanism leaves at most, to be taken at once: no other does as well."""
+"""Share of what the plain model leaves beyond the noise that a mechanism leaves at most, to be taken at once: no other
+does as well."""
 SLACK = 8.0
 """Gain beyond that of the luckiest candidate that a mechanism has to bring, in half sums of squares of every fourth
 sample: noise is never quite white, nor is another's friction quite this one's."""
@@ -51,6 +59,8 @@ NOTICED = 0.1
 further step costs more than all before."""
 EQUAL = 10.0
 """Half a sum of squares by which two mechanisms must differ to be told apart."""
+UNUSUAL = 2.0
+"""Times the largest usual strength from which a mechanism yields to one that does as well with less."""
 SEVERAL = 3.0
 """Standard deviations away from nominal at which a constant is wrong."""
 FLOOR = 1.04
@@ -87,6 +97,20 @@ def tightened(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers)
     return joined(recordings, loosely.hypothesis, workers, loosely.values, loosely.states, loosely)
 
 
+def forced(recordings: Sequence[Conditioned], loosely: Fit, workers: Workers) -> Fit:
+    """A fit that is not close enough, with its windows joined all the same; or itself, if that comes to nothing.
+
+    What acts on the shaker shows where windows join, even beside something that shows everywhere.
+    """
+    if loosely.per_sample > FORCED:
+        return loosely
+    try:
+        found = fit(recordings, loosely.hypothesis, workers, stages=JOINED_BY_FORCE, known=loosely)
+    except (InputError, np.linalg.LinAlgError):
+        return loosely
+    return found if found.per_sample < BENT * loosely.per_sample else loosely
+
+
 def late_step(thin: list[Conditioned], late: float, plain: Fit, workers: Workers) -> Step | None:
     """A lag of several samples in s, where it explains nearly everything: next to it nothing else can be seen."""
     place = {"delay_a" if late > 0.0 else "delay_f": abs(late)}
@@ -102,11 +126,14 @@ def late_step(thin: list[Conditioned], late: float, plain: Fit, workers: Workers
 
 
 def next_step(
-    thin: list[Conditioned], now: Fit, loosely: Fit, hidden: bool, workers: Workers, say: Callable[[str], object]
+    thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
 ) -> tuple[Step | None, list[tuple[str, float, str]], Fit]:
     """The mechanism to add, those passed over with the reason, and the fit without it, which may be better by now."""
     close, beside = now.per_sample <= FLOOR, bool(now.hypothesis.effects)
-    ranked, chance = _looks(thin, now, loosely, workers, close)
+    # what acts on the shaker shows only where windows join
+    hidden = loosely.per_sample <= FLOOR and now.per_sample > (CLOSE if beside else FLOOR)
+    tight = forced(thin, loosely, workers) if now is loosely and not close else now
+    ranked, chance = _looks(thin, tight, loosely, workers, close)
     rivals, passed = [], []
     for each in ranked:
         if each.gain <= threshold(len(each.scores[each.look].strengths), chance, beside):
@@ -118,8 +145,15 @@ def next_step(
     tried: list[Tried] = []
     if _weakened(now):
         tried += _scan("force-limit", thin, now, loosely, workers, say)
-        if any(each.fitted.cost < MUCH * now.cost for each in tried):
+        if any(each.fitted.per_sample - 1.0 < MUCH * (now.per_sample - 1.0) for each in tried):
             rivals = []
+    scanned = hidden and beside and not _promising(now, rivals)
+    if scanned:
+        tried += _scan_joined(tuple(SCANNED_JOINED), thin, now, loosely, workers, say, enough=FLOOR)
+        if any(each.fitted.per_sample <= FLOOR for each in tried):
+            there = [each.mechanism for each in tried]
+            clear = [each for each in rivals if each.shares[each.look] >= CLEAR and each.mechanism not in there]
+            rivals = [each for each in clear if not _wrong_way(each.scores[each.look])]
     winner: Rival | None = None
     worth = math.inf
     for rival in rivals:
@@ -135,7 +169,7 @@ def next_step(
             stages, start = NEARBY, now
         # where only the joints are wrong they have bent the constants, and the windows on their own have not
         look = "loose" if hidden and "loose" in rival.scores else rival.look
-        hypothesis, values = extended(now if look == "joined" else loosely, rival.scores[look], thin)
+        hypothesis, values = extended(tight if look == "joined" else loosely, rival.scores[look], thin)
         try:
             tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers, worth))
         except (InputError, np.linalg.LinAlgError) as error:
@@ -144,25 +178,31 @@ def next_step(
         if winner is None and tried[-1].fitted.per_sample <= FLOOR:
             winner, best = rival, tried[-1].fitted.cost
             worth = best + max(EQUAL, BEHIND * (now.cost - best))
+        elif winner is None and tried[-1].loosely.per_sample <= FLOOR < loosely.per_sample:
+            # nothing is left inside the windows: what else there is acts on the shaker, and comes next
+            winner = rival
     tried.sort(key=_order)
-    if tried and _noticed(now, tried[0].fitted) and not (hidden and tried[0].fitted.per_sample > CLOSE):
+    # where nothing is left inside the windows, what is left is not a fit that stopped short
+    settled = bool(tried) and tried[0].fitted.per_sample > CLOSE and (hidden or tried[0].loosely.per_sample <= FLOOR)
+    if tried and _noticed(now, tried[0].fitted) and not settled:
         tried[0] = _onward(thin, tried[0], workers)
     best = tried[0].fitted if tried else now
-    scans = not beside and best.per_sample > FLOOR and now.per_sample < FAR
+    scans = not (beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
     if scans and hidden:
         tried += _scan_joined(tuple(SCANNED_JOINED), thin, now, loosely, workers, say)
     elif _softened(best) and now.per_sample < FAR:
         tried += _scan_joined(("backlash",), thin, now, loosely, workers, say)
-    if scans and rivals and not hidden:
+    if scans and rivals and not (settled or hidden):
         tried += _scan("rock-mount-compliance", thin, now, loosely, workers, say)
     tried.sort(key=_order)
     if not tried:
         return None, passed, now
-    first = tried[0]
+    equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
+    first = next((each for each in equals if _usual(each)), tried[0])
     now = _without(thin, now, first, workers)
     gain = now.cost - first.fitted.cost
     needed = threshold(len(first.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, beside)
-    others = {each.mechanism: each.fitted for each in reversed(tried[1:]) if each.mechanism != first.mechanism}
+    others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
     passed += [(name, now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
         return None, [*passed, (first.mechanism, gain, "gains too little once fitted")], now
@@ -170,6 +210,16 @@ def next_step(
         return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], now
     same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}
     return Step(first.mechanism, gain, needed, first.loosely, first.fitted, same), passed, now
+
+
+def _promising(now: Fit, rivals: Sequence[Rival]) -> bool:
+    """Whether a first look where the windows join explains most of what is left."""
+    gains = [
+        each.scores["joined"].gain
+        for each in rivals
+        if "joined" in each.scores and not _wrong_way(each.scores["joined"])
+    ]
+    return max(gains, default=0.0) > PROMISING * (now.cost - now.cost / now.per_sample)
 
 
 def _softened(fitted: Fit) -> bool:
@@ -185,6 +235,16 @@ def _weakened(fitted: Fit) -> bool:
 def _noticed(now: Fit, better: Fit) -> bool:
     """Whether a fit leaves nothing but noise, or explains a share worth having of what another leaves."""
     return better.per_sample <= FLOOR or now.cost - better.cost > NOTICED * (now.cost - now.cost / now.per_sample)
+
+
+def _usual(tried: Tried) -> bool:
+    """Whether no strength of a mechanism is far above what is usual."""
+    found = zip(tried.fitted.hypothesis.parameters, tried.fitted.values, strict=True)
+    return all(
+        abs(value) <= UNUSUAL * max(abs(limit) for limit in usual(tried.mechanism, each.symbol))
+        for each, value in found
+        if each.name.startswith(f"{tried.mechanism} ") and each.symbol in LINEAR
+    )
 
 
 class Rival(NamedTuple):
@@ -207,27 +267,28 @@ class Rival(NamedTuple):
         return self.scores[self.look].gain
 
 
-def _looks(thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, close: bool) -> tuple[list[Rival], float]:
+def _looks(
+    thin: list[Conditioned], tight: Fit, loosely: Fit, workers: Workers, close: bool
+) -> tuple[list[Rival], float]:
     """The mechanisms, those of the largest shares first, and the chance that all gains are held against.
 
     A fit that the joints have bent says little of what is missing inside the windows; the windows on their own say
     more of that, and nothing of what shows where they join. So such a fit is looked at both ways.
     """
     looks = {}
-    if close or now is not loosely:
-        looks["joined"] = screen(thin, now, workers, 1.0)
+    if close or tight is not loosely:
+        looks["joined"] = screen(thin, tight, workers, 1.0)
     if not close:
         looks["loose"] = screen(thin, loosely, workers, 30.0)
     found: dict[str, Rival] = {}
     for name, look in looks.items():
-        # no channel runs ahead: that is what the others' variants are for
-        ahead = [each.variant.mechanism == "channel-delay" and each.strengths[0] <= 0.0 for each in look.scores]
-        scores = [each for each, early in zip(look.scores, ahead, strict=True) if not early]
+        # a strength that would have to be negative may turn round once fitted, but not a channel that runs ahead
+        scores = [each for each in look.scores if not (_wrong_way(each) and each.variant.mechanism == "channel-delay")]
         for score in scores:
             rival = found.setdefault(score.variant.mechanism, Rival(score.variant.mechanism, {}, {}))
             rival.scores.setdefault(name, score)
             rival.shares.setdefault(name, score.gain / max(scores[0].gain, 1e-9))
-    ranked = sorted(found.values(), key=lambda each: -each.shares[each.look])
+    ranked = sorted(found.values(), key=lambda each: (_wrong_way(each.scores[each.look]), -each.shares[each.look]))
     return ranked, min(look.chance for look in looks.values())
 
 
@@ -251,6 +312,15 @@ def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -
     except (InputError, np.linalg.LinAlgError):
         pass
     return found
+
+
+def _wrong_way(score: Score) -> bool:
+    """Whether a strength that cannot be negative would have to be: a channel that runs ahead, friction that drives."""
+    moved = [symbol for probe in score.variant.probes for symbol, _size in probe]
+    if len(moved) > 1:
+        return False
+    entry = next(each for each in REGISTRY[score.variant.mechanism].parameters if each.symbol == moved[0])
+    return entry.low == entry.neutral and float(score.strengths[0]) <= 0.0
 
 
 class Tried(NamedTuple):
@@ -328,11 +398,16 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
 def _scan(
     mechanism: str, thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
 ) -> list[Tried]:
-    """A mechanism that a first look cannot judge, fitted from the best of several strengths; none if it is there."""
+    """A mechanism that a first look cannot judge, fitted from the best of several strengths.
+
+    None if it is there already, or if none of them, the states settled, leaves less than the fit without it.
+    """
     if mechanism in now.hypothesis.mechanisms:
         return []
     say(f"scanning {mechanism}")
     costs, places, few = [], SCANNED[mechanism], slice(0, SCAN_ON)
+    laid = zip(thin[few], loosely.states[few], loosely.predictions[few], strict=True)
+    without = sum(float(window_costs(data, states, data.states, made).sum()) for data, states, made in laid)
     for place in places:
         hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
         try:
@@ -340,6 +415,8 @@ def _scan(
             costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
         except (InputError, np.linalg.LinAlgError):
             costs.append(math.inf)
+    if min(costs) > without:
+        return []
     hypothesis, values = placed_at(now.hypothesis, mechanism, places[int(np.argmin(costs))], thin)
     try:
         return [_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers)]
@@ -354,15 +431,16 @@ def _scan_joined(
     loosely: Fit,
     workers: Workers,
     say: Callable[[str], object],
+    enough: float = 0.0,
 ) -> list[Tried]:
-    """Mechanisms that a first look cannot judge and that no window on its own shows.
+    """Mechanisms that a first look cannot judge and that no window on its own shows, until one leaves ``enough``.
 
     Play opens the spring at the force that it carried without. Under dry friction each window goes on where the one
     before ended, for the windows on their own do not say when the shaker stands still.
     """
     found = []
     for mechanism in mechanisms:
-        if mechanism in now.hypothesis.mechanisms:
+        if mechanism in now.hypothesis.mechanisms or any(each.fitted.per_sample <= enough for each in found):
             continue
         say(f"scanning {mechanism}")
         for place in SCANNED_JOINED[mechanism]:

@@ -25,6 +25,7 @@ from drillenv.dynamics.exact import STATE_SIZE
 from drillenv.dynamics.exact import make_scratch as exact_scratch
 from drillenv.dynamics.flow import FREE, make_model, set_drive
 from drillenv.dynamics.general import DONE, OWN, V1, V2, W, Y, integrate, make_scratch, model_for
+from drillenv.dynamics.general_runs import MEASURED_COLUMNS
 from drillenv.dynamics.sensors import in_order
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
@@ -49,6 +50,13 @@ REACH = 7
 """Unknowns that one of four in a window has to do with, to either side: those of its own and of the next window."""
 GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
+
+SETTLED = 0.1
+"""Half a sum of squares for each window that a round must gain for another one to follow."""
+KEPT = 0.7
+"""Share of the gain they promised from which slopes are used once more."""
+SLOPES_COST = 0.8
+"""Share of a round that goes into its slopes."""
 
 
 class Physics(NamedTuple):
@@ -189,7 +197,8 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     """Force, acceleration, ends and extra states at the beginnings by the general engine."""
     setting, rate = data.setting, data.rate * fine
     model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
-    model = model._replace(omega=data.omega)
+    # nobody asks here how high the force of an impact was
+    model = model._replace(omega=data.omega, rated=False)
     z = np.zeros(model.tally + 4 + len(physics.motion))
     if not data.fresh:
         z[OWN : model.tally] = extra_start(physics.motion, dict(physics.begun), setting.frequency)
@@ -197,15 +206,14 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty((len(states), 4))
     begun = np.empty((len(states), model.tally - OWN))
-    columns = 8 + model.tally - OWN
     starts, phase, lead = data.starts * fine, drive_phase(data, physics), _lead(data, physics)
-    nothing = np.zeros((0, columns))
+    nothing = np.zeros((0, MEASURED_COLUMNS))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
         z[[Y, V1, V2, W]] = states[k]
         if extras is not None:
             z[OWN : model.tally] = extras[k]
         begun[k] = z[OWN : model.tally]
-        samples = np.zeros((after - first, columns))
+        samples = np.zeros((after - first, MEASURED_COLUMNS))
         theta, regime = math.fmod(phase + data.omega * first / rate, 2 * math.pi), FREE
         if k == 0 and lead > 0.0:
             early = theta - data.omega * lead
@@ -213,7 +221,7 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
         status, *_rest = integrate(model, theta, z, regime, (after - first) / rate, rate, samples, rtol, scratch)
         if status != DONE:
             raise _lost(data, first / rate)
-        force[first:after], acceleration[first:after] = samples[:, 5], samples[:, 4]
+        acceleration[first:after], force[first:after] = samples.T
         ends[k] = z[[Y, V1, V2, W]]
     finite = np.isfinite(ends).all(axis=1)
     if not finite.all():
@@ -449,24 +457,39 @@ def window_costs(data: Conditioned, states: np.ndarray, guess: np.ndarray, made:
 
 
 def settle_states(
-    data: Conditioned, states: np.ndarray, guess: np.ndarray, physics: Physics, rounds: int
+    data: Conditioned,
+    states: np.ndarray,
+    guess: np.ndarray,
+    physics: Physics,
+    rounds: int,
+    slopes: Slopes | None = None,
 ) -> tuple[np.ndarray, Prediction]:
-    """Fit the state of each window on its own, by Levenberg and Marquardt, the model held."""
+    """Fit the state of each window on its own, by Levenberg and Marquardt, the model held.
+
+    ``slopes`` are those of a place nearby, if they are known: they are used as long as they bring what they promise,
+    and so are all others, since they cost four times as much as a step.
+    """
     now, damping = states.copy(), np.full(len(states), 1e-2)
     fine, remembers = fineness(data, physics.sensors), any(each.effect.extras for each in physics.motion)
     motion = move(data, now, physics, fine)
     made = sensed(data, motion, physics)
     costs = window_costs(data, now, guess, made)
-    for _ in range(rounds):
-        channels = state_slopes(data, now, physics, made).channels
+    channels, left_over, little = None if slopes is None else slopes.channels, float(rounds), SETTLED * len(now)
+    while left_over > 0.0:
+        fresh = channels is None
+        left_over -= 1.0 if fresh else 1.0 - SLOPES_COST
+        if channels is None:
+            channels = state_slopes(data, now, physics, made).channels
         left = residual(data, made)
-        trial = now.copy()
+        trial, hoped = now.copy(), 0.0
         for k in range(len(now)):
             piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
             own = channels[:, :, piece].reshape(4, -1)
             a = own @ own.T + np.diag(GUESS**-2.0)
             g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * GUESS**-2.0
-            trial[k] += np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
+            step = np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
+            trial[k] += step
+            hoped += float(g @ step - 0.5 * step @ a @ step)
         trial[:, 3] = np.minimum(trial[:, 3], 0.0)
         tried = move(data, trial, physics, fine)
         trial_costs = window_costs(data, trial, guess, sensed(data, tried, physics))
@@ -477,8 +500,10 @@ def settle_states(
         motion = move(data, now, physics, fine) if remembers else _mixed(data, better, tried, motion)
         made = sensed(data, motion, physics)
         costs = window_costs(data, now, guess, made)
-        if gained < 0.1 * len(now):
+        if gained < little and (fresh or hoped < little):
             break
+        if gained < KEPT * hoped:
+            channels = None
     return now, made
 
 

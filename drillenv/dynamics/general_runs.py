@@ -71,6 +71,8 @@ def add_exactly(total: float, carry: float, part: float):
 
 SAMPLE_COLUMNS = 8
 """x1, x2, v1, v2, acceleration, force, penetration, regime; the extra states follow."""
+MEASURED_COLUMNS = 2
+"""Of samples that are only to hold acceleration and force."""
 IMPACT_COLUMNS = 5
 """Time, peak force, speed at contact, depth, time of contact."""
 SWITCH_COLUMNS = 3
@@ -81,6 +83,9 @@ SWITCH_COLUMNS = 3
 def write_sample(model, regime, origin, carry, z, dz, rock, row):
     """One row of the samples."""
     apart()
+    if row.size == MEASURED_COLUMNS:
+        row[0], row[1] = dz[V2], max(rock, 0.0)
+        return
     x2 = origin + (carry + (z[W] + z[U]))
     front = z[W] - law_depth(model, UNLOADING, law_force(model, LOADING, z[W], z), z) if regime == LOADING else 0.0
     row[0], row[1], row[2], row[3] = x2 + z[Y], x2, z[V1], z[V2]
@@ -103,8 +108,9 @@ def integrate(
 ) -> tuple:
     """Run for ``seconds`` from ``z``, which is left at the end.
 
-    Fills ``samples`` (rows at 1 / rate from time 0 on). Returns (status, time reached, regime, origin, carry, phase
-    reached, impacts, switches, counts of steps tried and rejected).
+    Fills ``samples`` (rows at 1 / rate from time 0 on), of SAMPLE_COLUMNS and the extra states or of MEASURED_COLUMNS.
+    Returns (status, time reached, regime, origin, carry, phase reached, impacts, switches, counts of steps tried and
+    rejected).
     """
     model, z, samples, scratch = borrow_model(model), borrowed(z), borrowed(samples), borrowed(scratch)
     impacts, switches = np.zeros((64, IMPACT_COLUMNS)), np.zeros((256, SWITCH_COLUMNS))
