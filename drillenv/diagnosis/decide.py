@@ -11,10 +11,10 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import own_parameters
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition, white_noise
 from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
-from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SEVERAL, THIN, Step, late_step, next_step, tightened
+from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SECOND, SEVERAL, THIN, Step, late_step, next_step, tightened
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual
-from drillenv.diagnosis.starts import holding
+from drillenv.diagnosis.starts import LINEAR, holding, leaving_out
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
@@ -27,6 +27,8 @@ BENT = 6.0
 MOST_LEFT, SMALL_PART = 1.32, 0.1
 """A named mechanism whose equation is not quite that of the rig leaves something too: no more than this, and no more
 than this share of what it was named to explain."""
+FAINT = 5.0
+"""Standard deviations from nothing below which a mechanism is tried without, beside others."""
 QUIETER = 0.97
 """Share of the noise below which it is told anew from what is left."""
 GRIPS = {"vs1"}
@@ -163,6 +165,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             rejected += [(each.mechanism, each.gain, "leaves more than noise beside the others") for each in steps[1:]]
             del steps[1:]
             now = steps[0].fitted
+        now = _without_the_faint(thin, now, steps, rejected, workers)
         say("all samples")
         final = _full(fit_data, now, workers)
         quiet = quieted(fit_data, final)
@@ -242,6 +245,32 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
         )
     except (InputError, np.linalg.LinAlgError):
         return found
+
+
+def _without_the_faint(
+    thin: list[Conditioned], now: Fit, steps: list[Step], rejected: list[tuple[str, float, str]], workers: Workers
+) -> Fit:
+    """The fit without mechanisms that it does not need once others stand beside them; they are taken out of the steps.
+
+    One found first may have stood in for one found later.
+    """
+    for step in list(steps[:-1]):
+        named = zip(now.hypothesis.parameters, now.values / now.spread, strict=True)
+        strengths = [
+            abs(size) for each, size in named if each.name.startswith(f"{step.mechanism} ") and each.symbol in LINEAR
+        ]
+        if not strengths or max(strengths) > FAINT:
+            continue
+        hypothesis, kept = leaving_out(now.hypothesis, step.mechanism)
+        try:
+            alone = fit(thin, hypothesis, workers, now.values[kept], now.states, NEARBY)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        if alone.cost - now.cost < SECOND:
+            rejected.append((step.mechanism, alone.cost - now.cost, "is not needed beside the others"))
+            steps.remove(step)
+            now = alone
+    return now
 
 
 def _bearable(before: float) -> float:

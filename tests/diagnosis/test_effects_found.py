@@ -61,3 +61,15 @@ def test_a_drive_limited_to_half_of_what_it_asks_for_is_no_weak_drive():
     found = report.record["findings"][0]["parameters"]["F_max"]
     assert abs(found["value"] - 170.0) < SURE * found["std"]
     assert "drive_gain" not in report.record["parameters"]
+
+
+@pytest.mark.slow
+def test_what_acts_on_the_shaker_is_seen_beside_what_shows_everywhere():
+    """No window on its own says anything of such a damper; a fit whose windows are joined by force names it."""
+    chosen = (make("damping-quadratic", c2=1350.0), make("load-cell-inertia", m_c=0.1))
+    campaign = rehearse(np.random.default_rng(SEED), 4, chosen, recordings=5, seconds=0.2).campaign
+    report = diagnose(campaign)
+    found = {each["mechanism"]: each["parameters"] for each in report.record["findings"]}
+    assert set(found) == {"damping-quadratic", "load-cell-inertia"}
+    assert abs(found["damping-quadratic"]["c2"]["value"] - 1350.0) < SURE * found["damping-quadratic"]["c2"]["std"]
+    assert abs(found["load-cell-inertia"]["m_c"]["value"] - 0.1) < SURE * found["load-cell-inertia"]["m_c"]["std"]

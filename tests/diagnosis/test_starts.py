@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.decide import nominal_hypothesis
 from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.shooting import Physics, predict
-from drillenv.diagnosis.starts import carried, opened
+from drillenv.diagnosis.starts import carried, leaving_out, opened, placed_at
 from drillenv.dynamics.effects import make
+from drillenv.rig import Rig
+
+RIG = Rig()
 
 
 @pytest.fixture(scope="module")
@@ -40,3 +44,15 @@ def test_windows_go_on_where_those_before_them_end(made):
     assert np.array_equal(ends[:-1, :2], gone_on[1:, :2])
     assert np.array_equal(gone_on[:, 2:], begun[:, 2:])
     assert not np.array_equal(ends[:-1, :2], begun[1:, :2])
+
+
+def test_a_mechanism_left_out_takes_its_unknowns_with_it():
+    campaign = rehearse(np.random.default_rng(3), 4, recordings=3, seconds=0.2).campaign
+    data = [condition(each, rig) for each, rig in zip(campaign.recordings, [RIG] * 3, strict=True)]
+    plain = nominal_hypothesis(campaign)
+    one, _values = placed_at(plain, "air-spring", {"k_a": 5e4, "tau": 0.2}, data)
+    both, values = placed_at(one, "contact-rate", {"chi": 0.3}, data)
+    alone, kept = leaving_out(both, "air-spring")
+    assert alone.mechanisms == ("contact-rate",)
+    assert [each.name for each in alone.parameters] == [*(each.name for each in plain.parameters), "contact-rate chi"]
+    assert np.array_equal(values[kept], [each.value for each in alone.parameters])

@@ -20,6 +20,7 @@ from drillenv.dynamics.general import (
     run_general,
     start_at,
 )
+from drillenv.dynamics.general_runs import MEASURED_COLUMNS
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS, Rock
 
@@ -241,6 +242,19 @@ def test_intervals_by_the_kernel_are_the_run():
         state, by_hand = start_at(model, z, ended[2], chosen, order), ended[5] % (2 * math.pi)
         origin += ended[3] + ended[4]
     assert state == start and by_hand == phase and origin == place
+
+
+def test_samples_of_two_columns_are_acceleration_and_force():
+    chosen, setting, rate = every_effect(), Setting(60.0, 0.45, 1.0), 5000.0
+    run = run_general(Rig(), setting, ROCKS[4], 0.1, rate, effects=chosen, rtol=1e-8)
+    model, order = model_for(Rig(), setting, ROCKS[4], chosen)
+    z, regime = first_state(model, None, chosen, order)
+    samples = np.zeros((run.time.size, MEASURED_COLUMNS))
+    # nor does the motion ask whether the peaks of impacts are kept
+    unrated = model._replace(rated=False)
+    status, *_rest = integrate(unrated, 0.0, z, regime, 0.1, rate, samples, 1e-8, make_scratch(z.size, len(chosen)))
+    assert model.rated and status == DONE
+    assert np.array_equal(samples.T, [run.acceleration, run.force])
 
 
 def test_drift_costs_no_digits():
