@@ -10,7 +10,7 @@ import numpy as np
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import own_parameters
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition, white_noise
-from drillenv.diagnosis.fit import CONSTANTS, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
+from drillenv.diagnosis.fit import CONSTANTS, FINAL, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
 from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SECOND, SEVERAL, THIN, Step, late_step, next_step, tightened
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual
@@ -229,22 +229,23 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
     """The fit on all samples."""
     if now.per_sample > CLOSE:
         return fit(recordings, now.hypothesis, workers, now.values, now.states, (Stage(1e4, 3, 1),))
+    if not _dry(now):
+        return fit(recordings, now.hypothesis, workers, now.values, now.states, FINAL)
     found = fit(recordings, now.hypothesis, workers, now.values, now.states, NEARBY)
-    dry = {
-        each.name: 0.0
-        for each, value in zip(found.hypothesis.parameters, found.values, strict=True)
-        # for finding friction the speed at which it sets in has a least value; where it ends there, it is dry
-        if " " in each.name and each.symbol in GRIPS and value < 1.05 * each.low
-    }
-    if not dry:
-        return found
     try:
-        hypothesis, kept = holding(found.hypothesis, dry)
-        return min(
-            found, fit(recordings, hypothesis, workers, found.values[kept], found.states, NEARBY), key=lambda f: f.cost
-        )
+        hypothesis, kept = holding(found.hypothesis, _dry(found) or _dry(now))
+        dry = fit(recordings, hypothesis, workers, found.values[kept], found.states, FINAL)
     except (InputError, np.linalg.LinAlgError):
         return found
+    return dry if dry.cost < found.cost else fit(recordings, found.hypothesis, workers, stages=FINAL, known=found)
+
+
+def _dry(fitted: Fit) -> dict[str, float]:
+    """Speeds at which friction sets in that a fit has at their least value, at 0: there it is dry."""
+    named = zip(fitted.hypothesis.parameters, fitted.values, strict=True)
+    return {
+        each.name: 0.0 for each, value in named if " " in each.name and each.symbol in GRIPS and value < 1.05 * each.low
+    }
 
 
 def _without_the_faint(

@@ -56,8 +56,9 @@ difference of two unlike steps would be taken for a feeling."""
 CONVERGED, CRAWLING = 0.3, 0.04
 """A round that lowers half the sum of squares by less than this, or than this share of what it is above the noise's,
 ends a stage."""
-ROUGHLY = 3.0
-"""The same for the first where each window is fitted on its own: that is only to find from where to join them."""
+ROUGHLY, EXACTLY = 3.0, 0.03
+"""The same for the first: where each window is fitted on its own, which is only to find from where to join them, and
+for what a report says. A strength may be short of its best by the root of twice as much, in standard deviations."""
 
 ASTRAY, LEFT_OUT = 4.0, 1.5
 """Half a sum of squares over the samples of a window, 1 of noise alone, from which it may have been led astray: as a
@@ -75,6 +76,13 @@ class Stage(NamedTuple):
     """Rounds in which each window's state is fitted on its own after every step of the parameters; 0 for none."""
     rounds: int
     """Steps of the parameters at most."""
+    exact: bool = False
+    """Whether what it comes to is what a report says."""
+
+    @property
+    def converged(self) -> float:
+        """Half a sum of squares that is not worth a round."""
+        return EXACTLY if self.exact else ROUGHLY if self.settle else CONVERGED
 
 
 JOINED = (Stage(10.0, 0, 4), Stage(1.0, 0, 16))
@@ -83,6 +91,8 @@ FROM_AFAR = (Stage(1e4, 8, 6), *JOINED)
 """From first guesses: the joints come last, when the constants are nearly right."""
 NEARBY = (Stage(1.0, 0, 8),)
 """From a fit of nearly the same hypothesis."""
+FINAL = (Stage(1.0, 0, 8, exact=True),)
+"""The same on all samples."""
 
 
 class Parameter(NamedTuple):
@@ -441,7 +451,7 @@ class _Search:
 
     def _little(self, stage: Stage, cost: float) -> float:
         """Gain that is not worth a round."""
-        return max(ROUGHLY if stage.settle else CONVERGED, CRAWLING * (cost - self.noise))
+        return max(stage.converged, CRAWLING * (cost - self.noise))
 
     def _better(
         self, stage: Stage, heat: float
@@ -461,7 +471,7 @@ class _Search:
         pull = gradient - heat * self.prior * away
         step = np.linalg.solve(curvature + np.diag(heat * self.prior + 1e-9), pull)
         lowest = sum(each.value for each in self.parts) + 0.5 * heat * float(self.prior @ away**2) - 0.5 * pull @ step
-        if before - lowest < (ROUGHLY if stage.settle else CONVERGED):
+        if before - lowest < stage.converged:
             return None
         share = 1.0
         while share > 0.02:

@@ -125,35 +125,104 @@ def late_step(thin: list[Conditioned], late: float, plain: Fit, workers: Workers
     return Step("channel-delay", gain, needed, tried.loosely, tried.fitted) if gain > needed else None
 
 
+class Place(NamedTuple):
+    """Where a search stands."""
+
+    thin: list[Conditioned]
+    now: Fit
+    loosely: Fit
+    """The same hypothesis with each window on its own."""
+    tight: Fit
+    """With windows that join, by force where they are not close enough: see :func:`forced`."""
+    workers: Workers
+    say: Callable[[str], object]
+
+    @property
+    def beside(self) -> bool:
+        """Whether mechanisms are named already."""
+        return bool(self.now.hypothesis.effects)
+
+    @property
+    def close(self) -> bool:
+        """Whether nothing is left."""
+        return self.now.per_sample <= FLOOR
+
+    @property
+    def hidden(self) -> bool:
+        """Whether what is left shows only where windows join, as does what acts on the shaker."""
+        return self.loosely.per_sample <= FLOOR and self.now.per_sample > (CLOSE if self.beside else FLOOR)
+
+    @property
+    def excess(self) -> float:
+        """Half the sum of squares that is left beyond the noise."""
+        return self.now.cost - self.now.cost / self.now.per_sample
+
+
 def next_step(
     thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
 ) -> tuple[Step | None, list[tuple[str, float, str]], Fit]:
     """The mechanism to add, those passed over with the reason, and the fit without it, which may be better by now."""
-    close, beside = now.per_sample <= FLOOR, bool(now.hypothesis.effects)
-    # what acts on the shaker shows only where windows join
-    hidden = loosely.per_sample <= FLOOR and now.per_sample > (CLOSE if beside else FLOOR)
-    tight = forced(thin, loosely, workers) if now is loosely and not close else now
-    ranked, chance = _looks(thin, tight, loosely, workers, close)
+    tight = forced(thin, loosely, workers) if now is loosely and now.per_sample > FLOOR else now
+    place = Place(thin, now, loosely, tight, workers, say)
+    ranked, chance = _looks(place)
     rivals, passed = [], []
     for each in ranked:
-        if each.gain <= threshold(len(each.scores[each.look].strengths), chance, beside):
+        if each.gain <= threshold(len(each.scores[each.look].strengths), chance, place.beside):
             passed.append((each.mechanism, each.gain, "gains too little"))
         elif each.shares[each.look] >= WORTH and len(rivals) < RIVALS:
             rivals.append(each)
-    if not rivals and not _softened(now):
+    if not rivals and not (now.per_sample <= CLOSE and _weak(now, "stiffness")):
         return None, passed, now
     tried: list[Tried] = []
-    if _weakened(now):
-        tried += _scan("force-limit", thin, now, loosely, workers, say)
+    if _weak(now, "drive_gain"):
+        tried += _scan("force-limit", place)
         if any(each.fitted.per_sample - 1.0 < MUCH * (now.per_sample - 1.0) for each in tried):
             rivals = []
-    scanned = hidden and beside and not _promising(now, rivals)
+    scanned = place.hidden and place.beside and not _promising(place, rivals)
     if scanned:
-        tried += _scan_joined(tuple(SCANNED_JOINED), thin, now, loosely, workers, say, enough=FLOOR)
+        tried += _scan_joined(tuple(SCANNED_JOINED), place, enough=FLOOR)
         if any(each.fitted.per_sample <= FLOOR for each in tried):
             there = [each.mechanism for each in tried]
             clear = [each for each in rivals if each.shares[each.look] >= CLEAR and each.mechanism not in there]
             rivals = [each for each in clear if not _wrong_way(each.scores[each.look])]
+    tried += _try_rivals(place, rivals, passed)
+    tried.sort(key=_order)
+    # where nothing is left inside the windows, what is left is not a fit that stopped short
+    settled = bool(tried) and tried[0].fitted.per_sample > CLOSE
+    settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
+    if tried and _noticed(place, tried[0].fitted) and not settled:
+        tried[0] = _onward(thin, tried[0], workers)
+    best = tried[0].fitted if tried else now
+    scans = not (place.beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
+    if scans and place.hidden:
+        tried += _scan_joined(tuple(SCANNED_JOINED), place)
+    elif best.per_sample <= CLOSE and _weak(best, "stiffness") and now.per_sample < FAR:
+        tried += _scan_joined(("backlash",), place)
+    if scans and rivals and not (settled or place.hidden):
+        tried += _scan("rock-mount-compliance", place)
+    tried.sort(key=_order)
+    if not tried:
+        return None, passed, now
+    equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
+    first = next((each for each in equals if _usual(each)), tried[0])
+    place = place._replace(now=_without(thin, now, first, workers))
+    gain = place.now.cost - first.fitted.cost
+    more = len(first.fitted.hypothesis.parameters) - len(place.now.hypothesis.parameters)
+    needed = threshold(more, chance, place.beside)
+    others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
+    passed += [(name, place.now.cost - other.cost, "explains less") for name, other in others.items()]
+    if gain <= needed:
+        return None, [*passed, (first.mechanism, gain, "gains too little once fitted")], place.now
+    if not _noticed(place, first.fitted):
+        return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], place.now
+    same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}
+    return Step(first.mechanism, gain, needed, first.loosely, first.fitted, same), passed, place.now
+
+
+def _try_rivals(place: Place, rivals: Sequence[Rival], passed: list[tuple[str, float, str]]) -> list[Tried]:
+    """Rivals fitted for good; those that are not go to ``passed``, with the reason."""
+    thin, now, loosely, tight, workers, say = place
+    tried: list[Tried] = []
     winner: Rival | None = None
     worth = math.inf
     for rival in rivals:
@@ -163,12 +232,12 @@ def next_step(
             continue
         say(f"trying {mechanism} (gain {rival.gain:.0f} at first look)")
         stages, start = LOOSE, loosely
-        if hidden and not close:
+        if place.hidden:
             stages, start = JOINED, now if REGISTRY[mechanism].grips is None else loosely
         elif REGISTRY[mechanism].grips is None and rival.look == "joined" and now.per_sample <= CLOSE:
             stages, start = NEARBY, now
         # where only the joints are wrong they have bent the constants, and the windows on their own have not
-        look = "loose" if hidden and "loose" in rival.scores else rival.look
+        look = "loose" if place.hidden and "loose" in rival.scores else rival.look
         hypothesis, values = extended(tight if look == "joined" else loosely, rival.scores[look], thin)
         try:
             tried.append(_try(thin, mechanism, hypothesis, values, start.states, stages, workers, worth))
@@ -181,60 +250,27 @@ def next_step(
         elif winner is None and tried[-1].loosely.per_sample <= FLOOR < loosely.per_sample:
             # nothing is left inside the windows: what else there is acts on the shaker, and comes next
             winner = rival
-    tried.sort(key=_order)
-    # where nothing is left inside the windows, what is left is not a fit that stopped short
-    settled = bool(tried) and tried[0].fitted.per_sample > CLOSE and (hidden or tried[0].loosely.per_sample <= FLOOR)
-    if tried and _noticed(now, tried[0].fitted) and not settled:
-        tried[0] = _onward(thin, tried[0], workers)
-    best = tried[0].fitted if tried else now
-    scans = not (beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
-    if scans and hidden:
-        tried += _scan_joined(tuple(SCANNED_JOINED), thin, now, loosely, workers, say)
-    elif _softened(best) and now.per_sample < FAR:
-        tried += _scan_joined(("backlash",), thin, now, loosely, workers, say)
-    if scans and rivals and not (settled or hidden):
-        tried += _scan("rock-mount-compliance", thin, now, loosely, workers, say)
-    tried.sort(key=_order)
-    if not tried:
-        return None, passed, now
-    equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
-    first = next((each for each in equals if _usual(each)), tried[0])
-    now = _without(thin, now, first, workers)
-    gain = now.cost - first.fitted.cost
-    needed = threshold(len(first.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, beside)
-    others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
-    passed += [(name, now.cost - other.cost, "explains less") for name, other in others.items()]
-    if gain <= needed:
-        return None, [*passed, (first.mechanism, gain, "gains too little once fitted")], now
-    if not _noticed(now, first.fitted):
-        return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], now
-    same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}
-    return Step(first.mechanism, gain, needed, first.loosely, first.fitted, same), passed, now
+    return tried
 
 
-def _promising(now: Fit, rivals: Sequence[Rival]) -> bool:
+def _promising(place: Place, rivals: Sequence[Rival]) -> bool:
     """Whether a first look where the windows join explains most of what is left."""
-    gains = [
-        each.scores["joined"].gain
-        for each in rivals
-        if "joined" in each.scores and not _wrong_way(each.scores["joined"])
-    ]
-    return max(gains, default=0.0) > PROMISING * (now.cost - now.cost / now.per_sample)
+    scores = [each.scores["joined"] for each in rivals if "joined" in each.scores]
+    gains = [each.gain for each in scores if not _wrong_way(each)]
+    return max(gains, default=0.0) > PROMISING * place.excess
 
 
-def _softened(fitted: Fit) -> bool:
-    """Whether a fit that is close needs a spring softer than anybody believes: play passes for that."""
-    return fitted.per_sample <= CLOSE and fitted.deviations[CONSTANTS.index("stiffness")] < -SEVERAL
+def _weak(fitted: Fit, constant: str) -> bool:
+    """Whether a fit needs a constant weaker than anybody believes.
+
+    Play passes for a soft spring, a limit of the drive's force for a weak drive.
+    """
+    return fitted.deviations[CONSTANTS.index(constant)] < -SEVERAL
 
 
-def _weakened(fitted: Fit) -> bool:
-    """Whether a fit needs a drive weaker than anybody believes: a limit of its force passes for that."""
-    return fitted.deviations[CONSTANTS.index("drive_gain")] < -SEVERAL
-
-
-def _noticed(now: Fit, better: Fit) -> bool:
-    """Whether a fit leaves nothing but noise, or explains a share worth having of what another leaves."""
-    return better.per_sample <= FLOOR or now.cost - better.cost > NOTICED * (now.cost - now.cost / now.per_sample)
+def _noticed(place: Place, better: Fit) -> bool:
+    """Whether a fit leaves nothing but noise, or explains a share worth having of what is left."""
+    return better.per_sample <= FLOOR or place.now.cost - better.cost > NOTICED * place.excess
 
 
 def _usual(tried: Tried) -> bool:
@@ -267,19 +303,17 @@ class Rival(NamedTuple):
         return self.scores[self.look].gain
 
 
-def _looks(
-    thin: list[Conditioned], tight: Fit, loosely: Fit, workers: Workers, close: bool
-) -> tuple[list[Rival], float]:
+def _looks(place: Place) -> tuple[list[Rival], float]:
     """The mechanisms, those of the largest shares first, and the chance that all gains are held against.
 
     A fit that the joints have bent says little of what is missing inside the windows; the windows on their own say
     more of that, and nothing of what shows where they join. So such a fit is looked at both ways.
     """
     looks = {}
-    if close or tight is not loosely:
-        looks["joined"] = screen(thin, tight, workers, 1.0)
-    if not close:
-        looks["loose"] = screen(thin, loosely, workers, 30.0)
+    if place.close or place.tight is not place.loosely:
+        looks["joined"] = screen(place.thin, place.tight, place.workers, 1.0)
+    if not place.close:
+        looks["loose"] = screen(place.thin, place.loosely, place.workers, 30.0)
     found: dict[str, Rival] = {}
     for name, look in looks.items():
         # a strength that would have to be negative may turn round once fitted, but not a channel that runs ahead
@@ -395,21 +429,20 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
     return min(ends, key=_order)
 
 
-def _scan(
-    mechanism: str, thin: list[Conditioned], now: Fit, loosely: Fit, workers: Workers, say: Callable[[str], object]
-) -> list[Tried]:
+def _scan(mechanism: str, place: Place) -> list[Tried]:
     """A mechanism that a first look cannot judge, fitted from the best of several strengths.
 
     None if it is there already, or if none of them, the states settled, leaves less than the fit without it.
     """
+    thin, now, loosely, _tight, workers, say = place
     if mechanism in now.hypothesis.mechanisms:
         return []
     say(f"scanning {mechanism}")
     costs, places, few = [], SCANNED[mechanism], slice(0, SCAN_ON)
     laid = zip(thin[few], loosely.states[few], loosely.predictions[few], strict=True)
     without = sum(float(window_costs(data, states, data.states, made).sum()) for data, states, made in laid)
-    for place in places:
-        hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
+    for there in places:
+        hypothesis, values = placed_at(now.hypothesis, mechanism, there, thin)
         try:
             physics = [hypothesis.physics(values, data.name) for data in thin[few]]
             costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
@@ -424,32 +457,25 @@ def _scan(
         return []
 
 
-def _scan_joined(
-    mechanisms: Sequence[str],
-    thin: list[Conditioned],
-    now: Fit,
-    loosely: Fit,
-    workers: Workers,
-    say: Callable[[str], object],
-    enough: float = 0.0,
-) -> list[Tried]:
+def _scan_joined(mechanisms: Sequence[str], place: Place, enough: float = 0.0) -> list[Tried]:
     """Mechanisms that a first look cannot judge and that no window on its own shows, until one leaves ``enough``.
 
     Play opens the spring at the force that it carried without. Under dry friction each window goes on where the one
     before ended, for the windows on their own do not say when the shaker stands still.
     """
+    thin, now, loosely, _tight, workers, say = place
     found = []
     for mechanism in mechanisms:
         if mechanism in now.hypothesis.mechanisms or any(each.fitted.per_sample <= enough for each in found):
             continue
         say(f"scanning {mechanism}")
-        for place in SCANNED_JOINED[mechanism]:
+        for there in SCANNED_JOINED[mechanism]:
             try:
-                hypothesis, values = placed_at(now.hypothesis, mechanism, place, thin)
+                hypothesis, values = placed_at(now.hypothesis, mechanism, there, thin)
                 if REGISTRY[mechanism].grips is None:
                     # the spring of the plain fit stands for stiffness and play, and gives way as far as both do
                     pairs = zip(thin, now.states, strict=True)
-                    states = [opened(own, now.physics(data.name), data, place) for data, own in pairs]
+                    states = [opened(own, now.physics(data.name), data, there) for data, own in pairs]
                 else:
                     values[: len(loosely.values)] = loosely.values
                     physics = [hypothesis.physics(values, data.name) for data in thin]

@@ -50,13 +50,14 @@ def test_a_load_cell_that_does_not_hum_shows_nothing(frequency):
         assert not flight_reading(force, NOISE, RATE, 2 * np.pi * frequency).any()
 
 
-@pytest.mark.parametrize(("frequency", "mains"), [(60.6, 60.0), (99.2, 50.0)])
-def test_light_presses_in_step_with_the_mains_are_no_hum(frequency, mains):
+@pytest.mark.parametrize(("frequency", "periods"), [(60.6, 1), (99.2, 2)])
+def test_light_presses_in_step_with_the_mains_are_no_hum(frequency, periods):
+    """Presses in every period of a drive close to 60 Hz, and in every other one of a drive close to 100 Hz."""
     time, force, off = blows(np.random.default_rng(5), frequency)
-    force += np.where(off, np.maximum(28.0 * np.sin(2 * np.pi * frequency * time + 4.0), 0.0), 0.0)
+    force += np.where(off, np.maximum(28.0 * np.sin(2 * np.pi * frequency / periods * time + 4.0), 0.0), 0.0)
     assert not flight_reading(force, NOISE, RATE, 2 * np.pi * frequency).any()
-    # elsewhere as much is read into it
-    assert flight_reading(force, NOISE, RATE, 2 * np.pi * 73.0).any() == (mains == 60.0)
+    # a hum would be read into them otherwise
+    assert flight_reading(force, NOISE, RATE, 2 * np.pi * 73.0).any()
 
 
 def test_zero_of_an_accelerometer_is_its_mean_between_standstills():
