@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.candidates import FREED_LATE, SCANNED, SCANNED_JOINED, usual
+from drillenv.diagnosis.candidates import ALIKE, FREED_LATE, HIDDEN, SCANNED, SCANNED_JOINED, usual
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
@@ -180,7 +180,7 @@ def next_step(
             rivals = []
     scanned = place.hidden and place.beside and not _promising(place, rivals)
     if scanned:
-        tried += _scan_joined(tuple(SCANNED_JOINED), place, enough=FLOOR)
+        tried += _scan_joined(HIDDEN, place, enough=FLOOR)
         if any(each.fitted.per_sample <= FLOOR for each in tried):
             there = [each.mechanism for each in tried]
             clear = [each for each in rivals if each.shares[each.look] >= CLEAR and each.mechanism not in there]
@@ -192,10 +192,13 @@ def next_step(
     settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
     if tried and _noticed(place, tried[0].fitted) and not settled:
         tried[0] = _onward(thin, tried[0], workers)
+        alike = ALIKE.get(tried[0].mechanism, "")
+        if alike and not any(each.mechanism == alike for each in tried) and _strained(tried[0]):
+            tried = sorted([*tried, *_scan_joined((alike,), place)], key=_order)
     best = tried[0].fitted if tried else now
     scans = not (place.beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
     if scans and place.hidden:
-        tried += _scan_joined(tuple(SCANNED_JOINED), place)
+        tried += _scan_joined(HIDDEN, place)
     elif best.per_sample <= CLOSE and _weak(best, "stiffness") and now.per_sample < FAR:
         tried += _scan_joined(("backlash",), place)
     if scans and rivals and not (settled or place.hidden):
@@ -271,6 +274,17 @@ def _weak(fitted: Fit, constant: str) -> bool:
 def _noticed(place: Place, better: Fit) -> bool:
     """Whether a fit leaves nothing but noise, or explains a share worth having of what is left."""
     return better.per_sample <= FLOOR or place.now.cost - better.cost > NOTICED * place.excess
+
+
+def _strained(tried: Tried) -> bool:
+    """Whether a mechanism needs a value above all that are usual, or a time below."""
+    found = zip(tried.fitted.hypothesis.parameters, tried.fitted.values, strict=True)
+    for each, value in found:
+        if each.name.startswith(f"{tried.mechanism} ") and not each.recording:
+            limits = usual(tried.mechanism, each.symbol)
+            if abs(value) > max(map(abs, limits)) or (each.symbol == "tau" and value < min(limits)):
+                return True
+    return False
 
 
 def _usual(tried: Tried) -> bool:
@@ -472,10 +486,13 @@ def _scan_joined(mechanisms: Sequence[str], place: Place, enough: float = 0.0) -
         for there in SCANNED_JOINED[mechanism]:
             try:
                 hypothesis, values = placed_at(now.hypothesis, mechanism, there, thin)
-                if REGISTRY[mechanism].grips is None:
+                if mechanism == "backlash":
                     # the spring of the plain fit stands for stiffness and play, and gives way as far as both do
                     pairs = zip(thin, now.states, strict=True)
                     states = [opened(own, now.physics(data.name), data, there) for data, own in pairs]
+                elif REGISTRY[mechanism].grips is None:
+                    values[: len(loosely.values)] = loosely.values
+                    states = loosely.states
                 else:
                     values[: len(loosely.values)] = loosely.values
                     physics = [hypothesis.physics(values, data.name) for data in thin]
