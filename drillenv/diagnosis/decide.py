@@ -253,9 +253,11 @@ def _without_the_faint(
 ) -> Fit:
     """The fit without mechanisms that it does not need once others stand beside them; they are taken out of the steps.
 
-    One found first may have stood in for one found later.
+    One found first may have stood in for one found later, and one found last only have led the others on.
     """
-    for step in list(steps[:-1]):
+    for step in list(steps):
+        if len(steps) == 1:
+            break
         named = zip(now.hypothesis.parameters, now.values / now.spread, strict=True)
         strengths = [
             abs(size) for each, size in named if each.name.startswith(f"{step.mechanism} ") and each.symbol in LINEAR

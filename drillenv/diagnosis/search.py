@@ -193,7 +193,7 @@ def next_step(
     if tried and _noticed(place, tried[0].fitted) and not settled:
         tried[0] = _onward(thin, tried[0], workers)
         alike = ALIKE.get(tried[0].mechanism, "")
-        if alike and not any(each.mechanism == alike for each in tried) and _strained(tried[0]):
+        if alike and not any(each.mechanism == alike for each in tried):
             tried = sorted([*tried, *_scan_joined((alike,), place)], key=_order)
     best = tried[0].fitted if tried else now
     scans = not (place.beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
@@ -274,17 +274,6 @@ def _weak(fitted: Fit, constant: str) -> bool:
 def _noticed(place: Place, better: Fit) -> bool:
     """Whether a fit leaves nothing but noise, or explains a share worth having of what is left."""
     return better.per_sample <= FLOOR or place.now.cost - better.cost > NOTICED * place.excess
-
-
-def _strained(tried: Tried) -> bool:
-    """Whether a mechanism needs a value above all that are usual, or a time below."""
-    found = zip(tried.fitted.hypothesis.parameters, tried.fitted.values, strict=True)
-    for each, value in found:
-        if each.name.startswith(f"{tried.mechanism} ") and not each.recording:
-            limits = usual(tried.mechanism, each.symbol)
-            if abs(value) > max(map(abs, limits)) or (each.symbol == "tau" and value < min(limits)):
-                return True
-    return False
 
 
 def _usual(tried: Tried) -> bool:

@@ -73,3 +73,15 @@ def test_what_acts_on_the_shaker_is_seen_beside_what_shows_everywhere():
     assert set(found) == {"damping-quadratic", "load-cell-inertia"}
     assert abs(found["damping-quadratic"]["c2"]["value"] - 1350.0) < SURE * found["damping-quadratic"]["c2"]["std"]
     assert abs(found["load-cell-inertia"]["m_c"]["value"] - 0.1) < SURE * found["load-cell-inertia"]["m_c"]["std"]
+
+
+@pytest.mark.slow
+def test_air_that_is_soon_supplied_is_no_friction_of_the_guides():
+    """Friction that sets in slowly explains nearly as much, and first looks point there."""
+    chosen = make("air-spring", k_a=5e4, tau=0.15)
+    campaign = rehearse(np.random.default_rng(SEED), 2, (chosen,), recordings=6, seconds=0.3).campaign
+    (finding,) = diagnose(campaign).record["findings"]
+    assert finding["mechanism"] == "air-spring"
+    for symbol, true in (("k_a", 5e4), ("tau", 0.15)):
+        found = finding["parameters"][symbol]
+        assert abs(found["value"] - true) < SURE * found["std"]
