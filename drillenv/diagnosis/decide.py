@@ -149,7 +149,8 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             if len(steps) == MOST:
                 break
             say(f"looking for what is missing ({now.per_sample:.3f} of the noise is left)")
-            step, rejected, better = next_step(thin, now, loosely, workers, say)
+            step, passed, better = next_step(thin, now, loosely, workers, say)
+            rejected += passed
             news, now = better is not now, better
             if not steps:
                 plain = now
@@ -194,7 +195,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             plain,
             final,
             steps,
-            rejected,
+            _once(rejected, [each.mechanism for each in steps]),
             fit_data,
             held_data,
             left,
@@ -246,6 +247,15 @@ def _dry(fitted: Fit) -> dict[str, float]:
     return {
         each.name: 0.0 for each, value in named if " " in each.name and each.symbol in GRIPS and value < 1.05 * each.low
     }
+
+
+def _once(rejected: Sequence[tuple[str, float, str]], named: Sequence[str]) -> list[tuple[str, float, str]]:
+    """Each mechanism that is not named once, as where it gained most, the largest gain first."""
+    best: dict[str, tuple[str, float, str]] = {}
+    for each in sorted(rejected, key=lambda each: -each[1]):
+        if each[0] not in named:
+            best.setdefault(each[0], each)
+    return list(best.values())
 
 
 def _without_the_faint(

@@ -71,6 +71,8 @@ def test_what_acts_on_the_shaker_is_seen_beside_what_shows_everywhere():
     report = diagnose(campaign)
     found = {each["mechanism"]: each["parameters"] for each in report.record["findings"]}
     assert set(found) == {"damping-quadratic", "load-cell-inertia"}
+    # every other mechanism was considered, and is there once
+    assert sorted(each["mechanism"] for each in report.record["rejected"]) == sorted(set(FOUND) - set(found))
     assert abs(found["damping-quadratic"]["c2"]["value"] - 1350.0) < SURE * found["damping-quadratic"]["c2"]["std"]
     assert abs(found["load-cell-inertia"]["m_c"]["value"] - 0.1) < SURE * found["load-cell-inertia"]["m_c"]["std"]
 
