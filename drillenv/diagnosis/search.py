@@ -171,6 +171,8 @@ def next_step(
             passed.append((each.mechanism, each.gain, "gains too little"))
         elif each.shares[each.look] >= WORTH and len(rivals) < RIVALS:
             rivals.append(each)
+        else:
+            passed.append((each.mechanism, each.gain, "explains less at first look"))
     if not rivals and not (now.per_sample <= CLOSE and _weak(now, "stiffness")):
         return None, passed, now
     tried: list[Tried] = []
@@ -192,9 +194,7 @@ def next_step(
     settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
     if tried and _noticed(place, tried[0].fitted) and not settled:
         tried[0] = _onward(thin, tried[0], workers)
-        alike = ALIKE.get(tried[0].mechanism, "")
-        if alike and not any(each.mechanism == alike for each in tried):
-            tried = sorted([*tried, *_scan_joined((alike,), place)], key=_order)
+        tried = _with_its_like(tried, place)
     best = tried[0].fitted if tried else now
     scans = not (place.beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
     if scans and place.hidden:
@@ -206,6 +206,7 @@ def next_step(
     tried.sort(key=_order)
     if not tried:
         return None, passed, now
+    tried = _with_its_like(tried, place)
     equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
     first = next((each for each in equals if _usual(each)), tried[0])
     place = place._replace(now=_without(thin, now, first, workers))
@@ -220,6 +221,14 @@ def next_step(
         return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], place.now
     same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}
     return Step(first.mechanism, gain, needed, first.loosely, first.fitted, same), passed, place.now
+
+
+def _with_its_like(tried: list[Tried], place: Place) -> list[Tried]:
+    """The same, the best first, with what passes for the best if that has not been tried."""
+    alike = ALIKE.get(tried[0].mechanism)
+    if alike is None or tried[0].fitted.per_sample > CLOSE or any(each.mechanism == alike for each in tried):
+        return tried
+    return sorted([*tried, *_scan_joined((alike,), place)], key=_order)
 
 
 def _try_rivals(place: Place, rivals: Sequence[Rival], passed: list[tuple[str, float, str]]) -> list[Tried]:
