@@ -269,9 +269,7 @@ def _without_the_faint(
         if len(steps) == 1:
             break
         named = zip(now.hypothesis.parameters, now.values / now.spread, strict=True)
-        strengths = [
-            abs(size) for each, size in named if each.name.startswith(f"{step.mechanism} ") and each.symbol in LINEAR
-        ]
+        strengths = [abs(size) for each, size in named if each.mechanism == step.mechanism and each.symbol in LINEAR]
         if not strengths or max(strengths) > FAINT:
             continue
         hypothesis, kept = leaving_out(now.hypothesis, step.mechanism)

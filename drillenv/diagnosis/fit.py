@@ -112,6 +112,11 @@ class Parameter(NamedTuple):
     """The only recording that it has to do with; empty where it holds for all."""
 
     @property
+    def mechanism(self) -> str:
+        """Of an effect's parameter, as in "contact-rate"."""
+        return self.name.split(" ")[0]
+
+    @property
     def symbol(self) -> str:
         """Of an effect's parameter, as in "chi"."""
         return self.name.split(" ")[1]

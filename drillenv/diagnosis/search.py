@@ -291,7 +291,7 @@ def _usual(tried: Tried) -> bool:
     return all(
         abs(value) <= UNUSUAL * max(abs(limit) for limit in usual(tried.mechanism, each.symbol))
         for each, value in found
-        if each.name.startswith(f"{tried.mechanism} ") and each.symbol in LINEAR
+        if each.mechanism == tried.mechanism and each.symbol in LINEAR
     )
 
 
@@ -488,13 +488,12 @@ def _scan_joined(mechanisms: Sequence[str], place: Place, enough: float = 0.0) -
                     # the spring of the plain fit stands for stiffness and play, and gives way as far as both do
                     pairs = zip(thin, now.states, strict=True)
                     states = [opened(own, now.physics(data.name), data, there) for data, own in pairs]
-                elif REGISTRY[mechanism].grips is None:
-                    values[: len(loosely.values)] = loosely.values
-                    states = loosely.states
                 else:
                     values[: len(loosely.values)] = loosely.values
-                    physics = [hypothesis.physics(values, data.name) for data in thin]
-                    states = workers.each(carried, loosely.states, physics, thin)
+                    states = loosely.states
+                    if REGISTRY[mechanism].grips is not None:
+                        physics = [hypothesis.physics(values, data.name) for data in thin]
+                        states = workers.each(carried, states, physics, thin)
                 found.append(_try(thin, mechanism, hypothesis, values, states, JOINED, workers))
             except (InputError, np.linalg.LinAlgError):
                 continue

@@ -125,5 +125,5 @@ def holding(hypothesis: Hypothesis, fixed: Mapping[str, float]) -> tuple[Hypothe
 def leaving_out(hypothesis: Hypothesis, mechanism: str) -> tuple[Hypothesis, np.ndarray]:
     """A hypothesis without one of its mechanisms, and which of the unknowns remain."""
     effects = tuple(each for each in hypothesis.effects if each[0] != mechanism)
-    kept = np.array([each.name.split(" ")[0] != mechanism for each in hypothesis.parameters])
+    kept = np.array([each.mechanism != mechanism for each in hypothesis.parameters])
     return hypothesis._replace(effects=effects), kept

@@ -11,8 +11,6 @@ from drillenv.diagnosis.starts import carried, leaving_out, opened, placed_at
 from drillenv.dynamics.effects import make
 from drillenv.rig import Rig
 
-RIG = Rig()
-
 
 @pytest.fixture(scope="module")
 def made():
@@ -48,7 +46,7 @@ def test_windows_go_on_where_those_before_them_end(made):
 
 def test_a_mechanism_left_out_takes_its_unknowns_with_it():
     campaign = rehearse(np.random.default_rng(3), 4, recordings=3, seconds=0.2).campaign
-    data = [condition(each, rig) for each, rig in zip(campaign.recordings, [RIG] * 3, strict=True)]
+    data = [condition(each, Rig()) for each in campaign.recordings]
     plain = nominal_hypothesis(campaign)
     one, _values = placed_at(plain, "air-spring", {"k_a": 5e4, "tau": 0.2}, data)
     both, values = placed_at(one, "contact-rate", {"chi": 0.3}, data)
