@@ -7,6 +7,7 @@ is tried at a few values in the first look, one variant each, and freed once the
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -103,15 +104,17 @@ limit that a fit without it never comes near, with the drive as much weaker."""
 SCANNED_JOINED = {
     "guide-friction": ({"fc1": 100.0, "vs1": 2e-3},),
     "backlash": ({"g": 3e-4, "y0": -1e-4}, {"g": 8e-4, "y0": -2e-5}),
-    "air-spring": ({"k_a": 5e4, "tau": 0.2},),
 }
 """The same where no window on its own shows it. A spring has no stiffness left in its play, and all of it outside; a
 shaker that dry friction holds now and then has to be held from the beginning, or nothing tells the fit when."""
 HIDDEN = ("guide-friction", "backlash")
 """Those of them that no first look shows."""
-ALIKE = {"guide-friction": "air-spring", "air-spring": "guide-friction"}
-"""Mechanisms that pass for each other: friction that sets in slowly and a supply that keeps up quickly are dampers
-both, of fc1 / vs1 and of k_a tau."""
+ALIKE: dict[str, tuple[str, Callable[[dict[str, float]], dict[str, float]]]] = {
+    "guide-friction": ("air-spring", lambda of: {"k_a": of["fc1"] / of["vs1"] / 0.2, "tau": 0.2}),
+    "air-spring": ("guide-friction", lambda of: {"fc1": of["k_a"] * of["tau"] * 2e-3, "vs1": 2e-3}),
+}
+"""Mechanisms that pass for each other, and the strengths with which one stands for the other: friction that sets in
+slowly and a supply that keeps up quickly are dampers both, of fc1 / vs1 and of k_a tau."""
 OWN = {"mains-hum": ("sine_f", "cosine_f", "sine_a", "cosine_a")}
 """Mechanisms whose strengths differ from recording to recording: a recording begins at any phase of the mains."""
 

@@ -14,7 +14,7 @@ from drillenv.diagnosis.fit import CONSTANTS, FINAL, NEARBY, Fit, Hypothesis, Pa
 from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SECOND, SEVERAL, THIN, Step, late_step, next_step, tightened
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual
-from drillenv.diagnosis.starts import LINEAR, holding, leaving_out
+from drillenv.diagnosis.starts import from_nothing, holding, leaving_out
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
@@ -77,19 +77,25 @@ def nominal_hypothesis(campaign: Campaign) -> Hypothesis:
     return Hypothesis(tuple(parameters))
 
 
-def replay(recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: Workers) -> Fit:
+def replay(
+    recordings: Sequence[Conditioned], hypothesis: Hypothesis, workers: Workers, known: Fit | None = None
+) -> Fit:
     """What a model makes of recordings with its constants and effects held.
 
     Only the states of the windows are fitted, and what each recording has for its own; the recordings say nothing to
-    the constants.
+    the constants. ``known`` is the same of these recordings with another noise.
     """
     effects = []
     for name, held, _free in hypothesis.effects:
         own = tuple(each for data in recordings for each in own_parameters(name, data))
         effects.append((name, held, own))
     alone = Hypothesis((), tuple(effects), hypothesis.base)
-    apart = fit(recordings, alone, workers, stages=(ALONE,))
-    return joined(recordings, alone, workers, apart.values, apart.states, apart)
+    if known is not None:
+        return joined(recordings, alone, workers, known.values, known.states)
+    # every fourth sample shows as well where windows begin
+    thin = [each if each.thin > 1 else each.thinned(THIN) for each in recordings]
+    apart = fit(thin, alone, workers, stages=(ALONE,))
+    return joined(recordings, alone, workers, apart.values, apart.states)
 
 
 def quieted(recordings: list[Conditioned], fitted: Fit) -> list[Conditioned]:
@@ -184,7 +190,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             laid = replay(held_data, held_model, workers)
             quiet = quieted(held_data, laid)
             if quiet is not held_data:
-                held_data, laid = quiet, replay(quiet, held_model, workers)
+                held_data, laid = quiet, replay(quiet, held_model, workers, laid)
             after = laid.per_sample
             before_held, more = _believed(held_data, nominal, laid.predictions, workers)
             pairs += more
@@ -268,9 +274,7 @@ def _without_the_faint(
     for step in list(steps):
         if len(steps) == 1:
             break
-        named = zip(now.hypothesis.parameters, now.values / now.spread, strict=True)
-        strengths = [abs(size) for each, size in named if each.mechanism == step.mechanism and each.symbol in LINEAR]
-        if not strengths or max(strengths) > FAINT:
+        if max(from_nothing(now, step.mechanism), default=0.0) > FAINT:
             continue
         hypothesis, kept = leaving_out(now.hypothesis, step.mechanism)
         try:

@@ -20,11 +20,16 @@ from drillenv.diagnosis.shooting import (
     Prediction,
     Quadratic,
     Slopes,
+    first_guess,
+    first_joint,
+    joints,
     predict,
     quadratic,
     settle_states,
+    sized,
     slope_fineness,
     split_effects,
+    state_size,
     state_slopes,
     window_costs,
     with_constants,
@@ -199,13 +204,13 @@ class Fit:
     values: np.ndarray
     """(p,) of the parameters."""
     states: list[np.ndarray]
-    """(windows, 4) of each recording."""
+    """(windows, 4 or 6) of each recording."""
     predictions: list[Prediction]
     quadratics: list[Quadratic]
     """About the values, in widths."""
     slopes: list[Slopes]
     columns: list[tuple[np.ndarray, np.ndarray]]
-    """(q, 2, n) and (q, windows, 4) of each recording: answers to the q parameters that act on it."""
+    """(q, 2, n) and (q, windows, 4 or 6) of each recording: answers to the q parameters that act on it."""
     places: list[np.ndarray]
     """(q,) of each recording: which parameters these are."""
     cost: float
@@ -289,7 +294,7 @@ class Workers:
 
 
 def scaled_change(data: Conditioned, moved: Prediction, base: Prediction, step: float):
-    """(2, n) change of the scaled channels and (windows, 4) of the ends, per ``step``."""
+    """(2, n) change of the scaled channels and (windows, size) of the ends, per ``step``."""
     return (
         np.stack(
             [
@@ -309,7 +314,7 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
     if fine > 1:
         base = predict(data, states, here, fine=fine)
     channels = np.empty((acting.size, 2, data.force.size))
-    ends = np.empty((acting.size, len(states), 4))
+    ends = np.empty((acting.size, *states.shape))
     for row, j in enumerate(acting.tolist()):
         each = hypothesis.parameters[j]
         step = STEP if values[j] + STEP * each.width <= each.high else -STEP
@@ -322,10 +327,11 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
     return channels, ends
 
 
-def plain_cost(data: Conditioned, states: np.ndarray, guess: np.ndarray, made: Prediction, join: np.ndarray) -> float:
+def plain_cost(data: Conditioned, states: np.ndarray, made: Prediction, join: np.ndarray) -> float:
     """Half the sum of squares of one recording at these states."""
-    gaps = (made.ends[:-1, :2] - states[1:, :2]) / join
-    return float(window_costs(data, states, guess, made).sum()) + 0.5 * float((gaps**2).sum())
+    goes_on, k = joints(states), first_joint(data)
+    gaps = (made.ends[k:-1, goes_on] - states[k + 1 :, goes_on]) / join[: goes_on.size]
+    return float(window_costs(data, states, made).sum()) + 0.5 * float((gaps**2).sum())
 
 
 def fit(
@@ -377,11 +383,11 @@ class _Search:
         self.low = np.array([each.low for each in parameters])
         self.high = np.array([each.high for each in parameters])
         self.places = [hypothesis.acting_on(data.name) for data in recordings]
-        self.guess = [data.states for data in recordings]
+        size = state_size(hypothesis.mechanisms)
         self.noise = float(sum(data.judged.stop - data.judged.start for data in recordings))
         """Half the sum of squares that noise alone leaves."""
         self.at = self.centre.copy() if values is None else np.array(values, dtype=float)
-        self.now = [each.copy() for each in (self.guess if states is None else states)]
+        self.now = [sized(each, size) for each in ([data.states for data in recordings] if states is None else states)]
         self.led = states is not None
         """Whether it begins where another hypothesis has ended."""
         self.made: list[Prediction] = []
@@ -483,7 +489,7 @@ class _Search:
             point = np.clip(self.at + share * step * self.widths, self.low, self.high)
             moved = (point - self.at) / self.widths
             placed = [
-                own + (share * part.moves - part.answers @ moved[place]).reshape(-1, 4)
+                own + (share * part.moves - part.answers @ moved[place]).reshape(own.shape)
                 for own, part, place in zip(self.now, self.parts, self.places, strict=True)
             ]
             for each in placed:
@@ -511,14 +517,15 @@ class _Search:
         share = np.concatenate(off).mean()
         if share == 0.0 or (few and share > 0.5):
             return False
-        begun = [np.where(one[:, None], first, own) for one, first, own in zip(off, self.guess, self.now, strict=True)]
+        guess = map(first_guess, self.recordings, self.now)
+        begun = [np.where(one[:, None], first, own) for one, first, own in zip(off, guess, self.now, strict=True)]
         for own, one, said in zip(begun, off, self.made, strict=True):
             # the windows before them know the shaker better than any guess, if they are not astray themselves
-            known = one[1:] & ~one[:-1] if stage.settle else one[1:]
-            own[1:, :2] = np.where(known[:, None], said.ends[:-1, :2], own[1:, :2])
+            known, goes_on = one[1:] & ~one[:-1] if stage.settle else one[1:], joints(own)
+            own[1:, goes_on] = np.where(known[:, None], said.ends[:-1, goes_on], own[1:, goes_on])
         try:
             other, said = self._stand(self.at, begun, stage._replace(settle=stage.settle or RESCUE))
-            again = self.workers.each(window_costs, self.recordings, other, self.guess, said)
+            again = self.workers.each(window_costs, self.recordings, other, said)
             better = [one & (late < early - CONVERGED) for one, early, late in zip(off, costs, again, strict=True)]
             if not any(one.any() for one in better):
                 return False
@@ -530,7 +537,7 @@ class _Search:
 
     def _windows(self) -> list[np.ndarray]:
         """(windows,) half the sum of squares of each window of each recording."""
-        return [window_costs(*each) for each in zip(self.recordings, self.now, self.guess, self.made, strict=True)]
+        return list(map(window_costs, self.recordings, self.now, self.made))
 
     def _move_to(self, point: np.ndarray, placed: list[np.ndarray], said: list[Prediction]) -> None:
         self.at, self.now, self.made, self.seen, self.stale = point, placed, said, False, False
@@ -550,7 +557,7 @@ class _Search:
             return list(placed), self.workers.each(predict, self.recordings, placed, physics)
         rounds = [stage.settle] * len(physics)
         slopes = self.slopes if near and self.slopes else [None] * len(physics)
-        done = self.workers.each(settle_states, self.recordings, placed, self.guess, physics, rounds, slopes)
+        done = self.workers.each(settle_states, self.recordings, placed, physics, rounds, slopes)
         return [each[0] for each in done], [each[1] for each in done]
 
     def _cost(
@@ -563,7 +570,7 @@ class _Search:
     ) -> float:
         """Half the sum of squares with the priors."""
         join = JOIN * stage.loose
-        pieces = [plain_cost(*each, join) for each in zip(self.recordings, placed, self.guess, said, strict=True)]
+        pieces = [plain_cost(*each, join) for each in zip(self.recordings, placed, said, strict=True)]
         return sum(pieces) + 0.5 * heat * float(self.prior @ ((point - self.centre) / self.widths) ** 2)
 
     def _look(self, stage: Stage) -> None:
@@ -578,7 +585,7 @@ class _Search:
             self.seen, self.stale = True, False
         marks, ends = [column[0] for column in self.columns], [column[1] for column in self.columns]
         joins = [JOIN * stage.loose] * len(marks)
-        self.parts = each(quadratic, self.recordings, self.now, self.guess, self.made, self.slopes, marks, ends, joins)
+        self.parts = each(quadratic, self.recordings, self.now, self.made, self.slopes, marks, ends, joins)
 
 
 def joined(

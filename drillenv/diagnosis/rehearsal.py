@@ -15,6 +15,7 @@ import numpy as np
 
 from drillenv.checks import InputError, count, number
 from drillenv.diagnosis.fit import UNITS
+from drillenv.diagnosis.starts import GROWING
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording
@@ -153,11 +154,6 @@ def drawn_effect(name: str, rng: np.random.Generator, share: float = 1.0) -> Cho
     return make(name, **values)
 
 
-GROWING = {
-    "chi", "n", "h", "soft", "s_r", "k3", "c2", "fc1", "fc2", "h2", "h3", "s", "k_a", "m_c", "delay_e", "delay_f",
-    "delay_a", "o_f", "o_a", "o_e", "g", "b_f", "b_a", "b_e",
-}  # fmt: skip
-"""Symbols that say how strong an effect is, 0 (or 1, of an exponent) where it is not there."""
 SMOOTHED = {"vs1": (1e-3, 4e-3), "vs2": (1e-3, 4e-2)}
 """Speeds in m/s over which every other friction sets in."""
 SHRINKING = {"f_a": 0.5, "f_b": 1.0, "F_max": 1.0}

@@ -104,7 +104,6 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
             quadratic(
                 data,
                 fitted.states[i],
-                data.states,
                 fitted.predictions[i],
                 fitted.slopes[i],
                 np.concatenate([columns[0], *(mark[0] for mark in found)]),

@@ -16,7 +16,7 @@ from drillenv.diagnosis.candidates import ALIKE, FREED_LATE, HIDDEN, SCANNED, SC
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
-from drillenv.diagnosis.shooting import Physics, settle_states, window_costs
+from drillenv.diagnosis.shooting import Physics, settle_states, sized, state_size, window_costs
 from drillenv.diagnosis.starts import LINEAR, carried, extended, holding, opened, placed_at
 from drillenv.dynamics.effects import REGISTRY
 
@@ -54,11 +54,15 @@ SLACK = 8.0
 sample: noise is never quite white, nor is another's friction quite this one's."""
 SECOND = 25.0
 """The same for a mechanism beside others: what is left of those that is not quite their equation."""
+CERTAIN = 30.0
+"""Times the gain that a mechanism has to bring from which it is not asked whether the fit without it stopped short."""
 NOTICED = 0.1
 """Share of what is left that a mechanism has to explain, where it does not explain all: less is mopping up, and each
 further step costs more than all before."""
 EQUAL = 10.0
 """Half a sum of squares by which two mechanisms must differ to be told apart."""
+NEAR = 50.0
+"""The same for two of which one may have stopped short of its best."""
 UNUSUAL = 2.0
 """Times the largest usual strength from which a mechanism yields to one that does as well with less."""
 SEVERAL = 3.0
@@ -180,39 +184,49 @@ def next_step(
         tried += _scan("force-limit", place)
         if any(each.fitted.per_sample - 1.0 < MUCH * (now.per_sample - 1.0) for each in tried):
             rivals = []
-    scanned = place.hidden and place.beside and not _promising(place, rivals)
+    scanned = place.hidden and place.beside and not _promising(place, rivals, "joined")
     if scanned:
         tried += _scan_joined(HIDDEN, place, enough=FLOOR)
         if any(each.fitted.per_sample <= FLOOR for each in tried):
             there = [each.mechanism for each in tried]
             clear = [each for each in rivals if each.shares[each.look] >= CLEAR and each.mechanism not in there]
             rivals = [each for each in clear if not _wrong_way(each.scores[each.look])]
+    swings = bool(rivals) and loosely.per_sample > FLOOR and not _promising(place, rivals, "loose")
+    if swings:
+        tried += _scan("rock-mount-compliance", place)
+        if any(each.loosely.per_sample <= CLOSE for each in tried):
+            rivals = []
     tried += _try_rivals(place, rivals, passed)
     tried.sort(key=_order)
     # where nothing is left inside the windows, what is left is not a fit that stopped short
     settled = bool(tried) and tried[0].fitted.per_sample > CLOSE
     settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
+    onward: list[Tried] = []
     if tried and _noticed(place, tried[0].fitted) and not settled:
-        tried[0] = _onward(thin, tried[0], workers)
-        tried = _with_its_like(tried, place)
+        onward = [_onward(thin, tried[0], workers)]
+        tried = _with_its_like([*onward, *tried[1:]], place)
     best = tried[0].fitted if tried else now
-    scans = not (place.beside or scanned) and best.per_sample > FLOOR and now.per_sample < FAR
-    if scans and place.hidden:
+    scans = not (place.beside or scanned) and best.per_sample > FLOOR
+    if scans and place.hidden and now.per_sample < FAR:
         tried += _scan_joined(HIDDEN, place)
     elif best.per_sample <= CLOSE and _weak(best, "stiffness") and now.per_sample < FAR:
         tried += _scan_joined(("backlash",), place)
-    if scans and rivals and not (settled or place.hidden):
-        tried += _scan("rock-mount-compliance", place)
+    if rivals and not (settled or swings) and loosely.per_sample > FLOOR:
+        # beside others everything explains a little
+        scans = now.cost - best.cost < PROMISING * place.excess if place.beside else scans
+        tried += _scan("rock-mount-compliance", place) if scans else []
     tried.sort(key=_order)
     if not tried:
         return None, passed, now
-    tried = _with_its_like(tried, place)
+    if tried[0] not in onward and not settled:
+        tried[0] = _onward(thin, tried[0], workers)
+    tried = _to_their_ends(thin, _with_its_like(tried, place), workers)
     equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
     first = next((each for each in equals if _usual(each)), tried[0])
-    place = place._replace(now=_without(thin, now, first, workers))
+    needed = threshold(len(first.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, place.beside)
+    if now.cost - first.fitted.cost < CERTAIN * needed:
+        place = place._replace(now=_without(thin, now, first, workers))
     gain = place.now.cost - first.fitted.cost
-    more = len(first.fitted.hypothesis.parameters) - len(place.now.hypothesis.parameters)
-    needed = threshold(more, chance, place.beside)
     others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
     passed += [(name, place.now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
@@ -224,11 +238,40 @@ def next_step(
 
 
 def _with_its_like(tried: list[Tried], place: Place) -> list[Tried]:
-    """The same, the best first, with what passes for the best if that has not been tried."""
-    alike = ALIKE.get(tried[0].mechanism)
-    if alike is None or tried[0].fitted.per_sample > CLOSE or any(each.mechanism == alike for each in tried):
+    """The same, the best first, with what passes for the best if that has not been tried, from where that one ended."""
+    best = tried[0].fitted
+    if tried[0].mechanism not in ALIKE or best.per_sample > CLOSE:
         return tried
-    return sorted([*tried, *_scan_joined((alike,), place)], key=_order)
+    alike, strengths = ALIKE[tried[0].mechanism]
+    if any(each.mechanism == alike for each in tried):
+        return tried
+    place.say(f"trying {alike} in place of {tried[0].mechanism}")
+    named = zip(best.hypothesis.parameters, best.values, strict=True)
+    own = {each.symbol: float(value) for each, value in named if each.mechanism == tried[0].mechanism}
+    hypothesis, values = placed_at(place.now.hypothesis, alike, strengths(own), place.thin)
+    before = len(place.now.hypothesis.parameters)
+    values[:before] = best.values[:before]
+    try:
+        other = _try(place.thin, alike, hypothesis, values, best.states, JOINED, place.workers)
+    except (InputError, np.linalg.LinAlgError):
+        return tried
+    return sorted([*tried, other], key=_order)
+
+
+def _to_their_ends(thin: list[Conditioned], tried: list[Tried], workers: Workers) -> list[Tried]:
+    """The same, the best first, where those that come near to the best one are fitted for as long as they gain."""
+    near = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < NEAR]
+    if len({each.mechanism for each in near}) == 1 or tried[0].fitted.per_sample > CLOSE:
+        return tried
+    ended = list(tried)
+    for i, each in enumerate(tried[: len(near)]):
+        for _again in range(3):
+            further = fit(thin, each.fitted.hypothesis, workers, stages=NEARBY, known=ended[i].fitted)
+            gained = ended[i].fitted.cost - further.cost
+            ended[i] = ended[i]._replace(fitted=further)
+            if gained < 1.0:
+                break
+    return sorted(ended, key=_order)
 
 
 def _try_rivals(place: Place, rivals: Sequence[Rival], passed: list[tuple[str, float, str]]) -> list[Tried]:
@@ -265,9 +308,9 @@ def _try_rivals(place: Place, rivals: Sequence[Rival], passed: list[tuple[str, f
     return tried
 
 
-def _promising(place: Place, rivals: Sequence[Rival]) -> bool:
-    """Whether a first look where the windows join explains most of what is left."""
-    scores = [each.scores["joined"] for each in rivals if "joined" in each.scores]
+def _promising(place: Place, rivals: Sequence[Rival], look: str) -> bool:
+    """Whether a first look, where the windows join or with each on its own, explains most of what is left."""
+    scores = [each.scores[look] for each in rivals if look in each.scores]
     gains = [each.gain for each in scores if not _wrong_way(each)]
     return max(gains, default=0.0) > PROMISING * place.excess
 
@@ -361,12 +404,12 @@ def _without(thin: list[Conditioned], now: Fit, best: Tried, workers: Workers) -
 
 
 def _wrong_way(score: Score) -> bool:
-    """Whether a strength that cannot be negative would have to be: a channel that runs ahead, friction that drives."""
+    """Whether it would have to act backwards: a channel that runs ahead, friction that drives, a limit that adds."""
     moved = [symbol for probe in score.variant.probes for symbol, _size in probe]
     if len(moved) > 1:
         return False
     entry = next(each for each in REGISTRY[score.variant.mechanism].parameters if each.symbol == moved[0])
-    return entry.low == entry.neutral and float(score.strengths[0]) <= 0.0
+    return entry.neutral in (entry.low, entry.high) and float(score.strengths[0]) <= 0.0
 
 
 class Tried(NamedTuple):
@@ -444,23 +487,24 @@ def _onward(thin: list[Conditioned], best: Tried, workers: Workers) -> Tried:
 def _scan(mechanism: str, place: Place) -> list[Tried]:
     """A mechanism that a first look cannot judge, fitted from the best of several strengths.
 
-    None if it is there already, or if none of them, the states settled, leaves less than the fit without it.
+    None if it is there already, or if none of them, the states settled, leaves noticeably less than the fit without it.
     """
     thin, now, loosely, _tight, workers, say = place
     if mechanism in now.hypothesis.mechanisms:
         return []
     say(f"scanning {mechanism}")
-    costs, places, few = [], SCANNED[mechanism], slice(0, SCAN_ON)
-    laid = zip(thin[few], loosely.states[few], loosely.predictions[few], strict=True)
-    without = sum(float(window_costs(data, states, data.states, made).sum()) for data, states, made in laid)
+    costs, places = [], SCANNED[mechanism]
+    data, states = thin[:SCAN_ON], loosely.states[:SCAN_ON]
+    without = sum(float(each.sum()) for each in map(window_costs, data, states, loosely.predictions[:SCAN_ON]))
     for there in places:
         hypothesis, values = placed_at(now.hypothesis, mechanism, there, thin)
         try:
-            physics = [hypothesis.physics(values, data.name) for data in thin[few]]
-            costs.append(sum(workers.each(_settled_cost, thin[few], loosely.states[few], physics)))
+            physics = [hypothesis.physics(values, each.name) for each in data]
+            costs.append(sum(workers.each(_settled_cost, data, states, physics)))
         except (InputError, np.linalg.LinAlgError):
             costs.append(math.inf)
-    if min(costs) > without:
+    noise = sum(each.judged.stop - each.judged.start for each in data)
+    if without - min(costs) < NOTICED * (without - noise):
         return []
     hypothesis, values = placed_at(now.hypothesis, mechanism, places[int(np.argmin(costs))], thin)
     try:
@@ -502,5 +546,6 @@ def _scan_joined(mechanisms: Sequence[str], place: Place, enough: float = 0.0) -
 
 def _settled_cost(data: Conditioned, states: np.ndarray, physics: Physics) -> float:
     """Half the sum of squares with the state of each window at its best."""
-    states, made = settle_states(data, states, data.states, physics, SCAN_ROUNDS)
-    return float(window_costs(data, states, data.states, made).sum())
+    size = state_size(each.effect.name for each in physics.motion)
+    settled, made = settle_states(data, sized(states, size), physics, SCAN_ROUNDS)
+    return float(window_costs(data, settled, made).sum())

@@ -10,7 +10,7 @@ refits, left-out recordings and thousands of bootstrap samples cost next to noth
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,11 +20,11 @@ from scipy.linalg import solve_banded
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.plain import run_windows
-from drillenv.dynamics.effects import Channels, Chosen
+from drillenv.dynamics.effects import REGISTRY, Channels, Chosen
 from drillenv.dynamics.exact import STATE_SIZE
 from drillenv.dynamics.exact import make_scratch as exact_scratch
 from drillenv.dynamics.flow import FREE, make_model, set_drive
-from drillenv.dynamics.general import DONE, OWN, V1, V2, W, Y, integrate, make_scratch, model_for
+from drillenv.dynamics.general import DONE, FACE, FIRST, OWN, V1, V2, U, W, Y, integrate, make_scratch, model_for
 from drillenv.dynamics.general_runs import MEASURED_COLUMNS
 from drillenv.dynamics.sensors import in_order
 from drillenv.rig import Rig
@@ -40,15 +40,18 @@ FINE, ROUGH = 16, 4
 SLOPE_FINE = 4
 """Points a kept sample for the differences that slopes are made of. They are 3 % off on all samples and up to 13 % on
 thinned ones, which costs a fit another round at most: what it comes to is where the exact residuals are left."""
-STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8])
-"""By how much the spring's force (N), v1, v2 (m/s) and w (m) are moved to see how a window answers. The force is
-taken for y since it hardly changes with the stiffness."""
-JOIN = np.array([0.015, 2e-5])
-"""Standard deviations with which the spring's force (N) and v1 (m/s) join from window to window: what a structure might
-do beside the model without being noticed in one window."""
-REACH = 7
-"""Unknowns that one of four in a window has to do with, to either side: those of its own and of the next window."""
-GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4])
+STATES, WITH_FACE = 4, 6
+"""Columns of a window's state: the spring's force, v1, v2 and w, and the place and speed of a rock's face that moves on
+its mount."""
+STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8, 2e-8, 1e-5])
+"""By how much the spring's force (N), v1, v2 (m/s), w (m), and the face's place (m) and speed (m/s) are moved to see
+how a window answers. The force is taken for y since it hardly changes with the stiffness."""
+JOINS = np.array([0, 1, 4, 5])
+"""Which of them join from window to window: those that single impacts hardly change."""
+JOIN = np.array([0.015, 2e-5, 1e-8, 1e-5])
+"""Standard deviations with which they do: what a structure might do beside the model without being noticed in one
+window."""
+GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4, 5e-4, 5e-1])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
 SETTLED = 0.1
@@ -80,7 +83,36 @@ class Prediction(NamedTuple):
     acceleration: np.ndarray
     """(n,) in N, m/s^2; samples outside the windows are left out of everything."""
     ends: np.ndarray
-    """(windows, 4) spring force, v1, v2, w at the end of each window."""
+    """(windows, 4 or 6) the state in which each window ends."""
+
+
+def state_size(mechanisms: Iterable[str]) -> int:
+    """Columns of the states of windows, where a rig has these effects."""
+    return WITH_FACE if any(REGISTRY[name].moves_face for name in mechanisms) else STATES
+
+
+def sized(states: np.ndarray, size: int) -> np.ndarray:
+    """(windows, size) the same states; a face of which nothing is known is at rest."""
+    kept = states[:, :size]
+    return np.hstack([kept, np.zeros((len(states), size - kept.shape[1]))])
+
+
+def joints(states: np.ndarray) -> np.ndarray:
+    """Which columns of states (windows, size) join from window to window."""
+    return JOINS[:2] if states.shape[1] == STATES else JOINS
+
+
+def first_joint(data: Conditioned) -> int:
+    """The first window whose end is held against the beginning of the next one.
+
+    That of a running rig is not judged: any end that suits the next window would be as good.
+    """
+    return 0 if data.fresh else 1
+
+
+def first_guess(data: Conditioned, states: np.ndarray) -> np.ndarray:
+    """(windows, size) what the measurements alone say of the states."""
+    return sized(data.states, states.shape[1])
 
 
 def split_effects(effects: Sequence[Chosen]) -> tuple[tuple[Chosen, ...], tuple[Chosen, ...]]:
@@ -96,7 +128,7 @@ class Motion(NamedTuple):
     force: np.ndarray
     acceleration: np.ndarray
     ends: np.ndarray
-    """(windows, 4) spring force, v1, v2, w at the end of each window."""
+    """(windows, 4 or 6) the state in which each window ends."""
     extras: np.ndarray
     """(windows, own) extra states of the effects at the beginning of each window."""
 
@@ -104,10 +136,11 @@ class Motion(NamedTuple):
 def predict(
     data: Conditioned, states: np.ndarray, physics: Physics, rtol: float | None = None, fine: int | None = None
 ) -> Prediction:
-    """The model over all windows of a recording, each from its own state (windows, 4).
+    """The model over all windows of a recording, each from its own state (windows, 4 or 6).
 
-    Extra states of effects go on from window to window; at the beginning a rig that was running has long met its rock.
-    ``rtol`` is RTOL or, on thinned samples, ROUGH_RTOL where it is left out, ``fine`` the sensors' :func:`fineness`.
+    What effects remember beyond that goes on from window to window; at the beginning a rig that was running has long
+    met its rock. ``rtol`` is RTOL or, on thinned samples, ROUGH_RTOL where it is left out, ``fine`` the sensors'
+    :func:`fineness`.
 
     Raises:
         InputError: the motion could not be followed.
@@ -202,16 +235,19 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     z = np.zeros(model.tally + 4 + len(physics.motion))
     if not data.fresh:
         z[OWN : model.tally] = extra_start(physics.motion, dict(physics.begun), setting.frequency)
+    # a face that has no place in the states goes on from window to window
+    columns = np.array([Y, V1, V2, W, U, *(row[FIRST] for row in model.effects if row[FACE])], dtype=np.int64)
+    columns = columns[: states.shape[1]]
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
-    ends = np.empty((len(states), 4))
+    ends = np.empty(states.shape)
     begun = np.empty((len(states), model.tally - OWN))
     starts, phase, lead = data.starts * fine, drive_phase(data, physics), _lead(data, physics)
     nothing = np.zeros((0, MEASURED_COLUMNS))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
-        z[[Y, V1, V2, W]] = states[k]
         if extras is not None:
             z[OWN : model.tally] = extras[k]
+        z[columns] = states[k]
         begun[k] = z[OWN : model.tally]
         samples = np.zeros((after - first, MEASURED_COLUMNS))
         theta, regime = math.fmod(phase + data.omega * first / rate, 2 * math.pi), FREE
@@ -222,7 +258,7 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
         if status != DONE:
             raise _lost(data, first / rate)
         acceleration[first:after], force[first:after] = samples.T
-        ends[k] = z[[Y, V1, V2, W]]
+        ends[k] = z[columns]
     finite = np.isfinite(ends).all(axis=1)
     if not finite.all():
         raise _lost(data, starts[np.argmin(finite)] / rate)
@@ -291,9 +327,9 @@ class Quadratic:
     """(p, p)."""
     samples: int
     moves: np.ndarray
-    """(windows * 4,) the step of the states at x = 0."""
+    """(windows * size,) the step of the states at x = 0."""
     answers: np.ndarray
-    """(windows * 4, p) how the best states move with the parameters."""
+    """(windows * size, p) how the best states move with the parameters."""
 
 
 def residual(data: Conditioned, made: Prediction) -> np.ndarray:
@@ -312,19 +348,20 @@ class Slopes(NamedTuple):
     """How each window answers to the state it begins with."""
 
     channels: np.ndarray
-    """(4, 2, n) change of the scaled channels inside the window."""
+    """(size, 2, n) change of the scaled channels inside the window."""
     ends: np.ndarray
-    """(4, windows, 4) change of its end."""
+    """(size, windows, size) change of its end."""
     after: np.ndarray | None
-    """(4, 2, n) change of the scaled channels inside the window that follows; None where no sensor remembers."""
+    """(size, 2, n) change of the scaled channels inside the window that follows; None where no sensor remembers."""
 
 
 def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction) -> Slopes:
     """The answers of a recording to the states of its windows, about which the model says ``base``."""
     fine = slope_fineness(data, physics.sensors)
-    channels, ends = np.empty((4, 2, data.force.size)), np.empty((4, len(states), 4))
+    size = states.shape[1]
+    channels, ends = np.empty((size, 2, data.force.size)), np.empty((size, *states.shape))
     after = np.zeros_like(channels) if fine > 1 else None
-    remembers = any(each.effect.extras for each in physics.motion)
+    remembers = _remembers(physics, states)
     still = move(data, states, physics, fine) if fine > 1 or remembers else None
     if still is not None:
         base = sensed(data, still, physics)
@@ -334,7 +371,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
     for k, first in enumerate(data.starts[:-1].tolist()):
         inside[first:] = k % 2
     turns = np.arange(len(states)) % 2
-    for j in range(4):
+    for j in range(size):
         moved = states.copy()
         # away from the rock, so that a window never begins inside it
         step = -STATE_STEPS[j] if j == 3 else STATE_STEPS[j]
@@ -356,6 +393,11 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
     return Slopes(channels, ends, after)
 
 
+def _remembers(physics: Physics, states: np.ndarray) -> bool:
+    """Whether anything goes on from window to window that the states do not hold."""
+    return any(each.effect.extras for each in physics.motion if states.shape[1] == STATES or not each.effect.moves_face)
+
+
 def _change(data: Conditioned, moved: Prediction, base: Prediction, step: float) -> np.ndarray:
     """(2, n) change of the scaled channels per ``step``."""
     return np.stack(
@@ -369,7 +411,6 @@ def _change(data: Conditioned, moved: Prediction, base: Prediction, step: float)
 def quadratic(
     data: Conditioned,
     states: np.ndarray,
-    guess: np.ndarray,
     base: Prediction,
     slopes: Slopes,
     columns: np.ndarray,
@@ -379,63 +420,64 @@ def quadratic(
     """Eliminate the states of the windows.
 
     Args:
-        data, states, base: The recording, its states (windows, 4) and what the model says.
-        guess: (windows, 4) the first guess of the states, a weak prior.
+        data, states, base: The recording, its states (windows, size) and what the model says.
         slopes: From :func:`state_slopes`.
         columns: (p, 2, n) how the scaled channels answer to the parameters.
-        ends: (p, windows, 4) how the windows' ends answer to them.
+        ends: (p, windows, size) how the windows' ends answer to them.
+        join: (4,) standard deviations of the joints.
     """
     left = residual(data, base)
     channels, answers, after = slopes
-    windows, p = len(states), len(columns)
-    size = 4 * windows
+    (windows, own_size), p = states.shape, len(columns)
+    size, width, goes_on = own_size * windows, GUESS[:own_size], joints(states)
+    join, reach, guess = join[: goes_on.size], 2 * own_size - 1, first_guess(data, states)
     a = np.zeros((size, size))
     b = np.zeros((size, p))
     g = np.zeros(size)
     for k in range(windows):
         piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
-        own = channels[:, :, piece].reshape(4, -1)
-        at = slice(4 * k, 4 * k + 4)
+        own = channels[:, :, piece].reshape(own_size, -1)
+        at = slice(own_size * k, own_size * (k + 1))
         a[at, at] += own @ own.T
         g[at] += own @ left[:, piece].reshape(-1)
         if p:
             b[at] += own @ columns[:, :, piece].reshape(p, -1).T
         if after is not None and k:
-            late, before = after[:, :, piece].reshape(4, -1), slice(4 * k - 4, 4 * k)
+            late, before = after[:, :, piece].reshape(own_size, -1), slice(own_size * (k - 1), own_size * k)
             a[before, before] += late @ late.T
             a[before, at] += late @ own.T
             a[at, before] += own @ late.T
             g[before] += late @ left[:, piece].reshape(-1)
             if p:
                 b[before] += late @ columns[:, :, piece].reshape(p, -1).T
-        a[at, at] += np.diag(GUESS**-2.0)
-        g[at] += (guess[k] - states[k]) * GUESS**-2.0
+        a[at, at] += np.diag(width**-2.0)
+        g[at] += (guess[k] - states[k]) * width**-2.0
     flat = columns.reshape(p, left.size)
     gradient, curvature = flat @ left.reshape(-1), flat @ flat.T
     value = 0.5 * float(left.reshape(-1) @ left.reshape(-1))
-    for k in range(windows - 1):
-        # end of window k less beginning of window k + 1, over the width of the joint; only k y and v1
-        gap = (base.ends[k, :2] - states[k + 1, :2]) / join
-        here = answers[:, k, :2].T / join[:, None]
-        there = -np.eye(2, 4) / join[:, None]
+    for k in range(first_joint(data), windows - 1):
+        # end of window k less beginning of window k + 1, over the width of the joint
+        gap = (base.ends[k, goes_on] - states[k + 1, goes_on]) / join
+        here = answers[:, k, goes_on].T / join[:, None]
+        there = -np.eye(own_size)[goes_on] / join[:, None]
         row = np.concatenate([here, there], axis=1)
-        at = slice(4 * k, 4 * k + 8)
+        at = slice(own_size * k, own_size * (k + 2))
         a[at, at] += row.T @ row
         g[at] -= row.T @ gap
         value += 0.5 * float(gap @ gap)
         if p:
-            change = ends[:, k, :2].T / join[:, None]
+            change = ends[:, k, goes_on].T / join[:, None]
             b[at] += row.T @ change
             gradient -= change.T @ gap
             curvature += change.T @ change
-    value += 0.5 * float((((guess - states) / GUESS) ** 2).sum())
+    value += 0.5 * float((((guess - states) / width) ** 2).sum())
     scale = 1.0 / np.sqrt(np.diag(a))
     # a window meets the one before it and the one behind it, so the matrix is a band
-    band = np.zeros((2 * REACH + 1, size))
+    band = np.zeros((2 * reach + 1, size))
     scaled = a * scale[:, None] * scale[None, :]
-    for off in range(-min(REACH, size - 1), min(REACH, size - 1) + 1):
-        band[REACH - off, max(off, 0) : size + min(off, 0)] = np.diag(scaled, off)
-    solved = solve_banded((REACH, REACH), band, np.column_stack([g, b]) * scale[:, None], check_finite=False)
+    for off in range(-min(reach, size - 1), min(reach, size - 1) + 1):
+        band[reach - off, max(off, 0) : size + min(off, 0)] = np.diag(scaled, off)
+    solved = solve_banded((reach, reach), band, np.column_stack([g, b]) * scale[:, None], check_finite=False)
     solved *= scale[:, None]
     moves, answer = solved[:, 0], solved[:, 1:]
     return Quadratic(
@@ -448,18 +490,17 @@ def quadratic(
     )
 
 
-def window_costs(data: Conditioned, states: np.ndarray, guess: np.ndarray, made: Prediction) -> np.ndarray:
-    """(windows,) half the sum of squares of each window, with the weak prior on its state and without joints."""
+def window_costs(data: Conditioned, states: np.ndarray, made: Prediction) -> np.ndarray:
+    """(windows,) half the sum of squares of each window, with the first guess as a weak prior, without joints."""
     squares = (residual(data, made) ** 2).sum(axis=0)
     sums = np.add.reduceat(squares, data.starts[:-1])
     # the last window ends before the recording does; what follows is 0
-    return 0.5 * (sums + (((guess - states) / GUESS) ** 2).sum(axis=1))
+    return 0.5 * (sums + (((first_guess(data, states) - states) / GUESS[: states.shape[1]]) ** 2).sum(axis=1))
 
 
 def settle_states(
     data: Conditioned,
     states: np.ndarray,
-    guess: np.ndarray,
     physics: Physics,
     rounds: int,
     slopes: Slopes | None = None,
@@ -467,13 +508,13 @@ def settle_states(
     """Fit the state of each window on its own, by Levenberg and Marquardt, the model held.
 
     ``slopes`` are those of a place nearby, if they are known: they are used as long as they bring what they promise,
-    and so are all others, since they cost four times as much as a step.
+    and so are all others, since they cost four times as much as a step or more.
     """
-    now, damping = states.copy(), np.full(len(states), 1e-2)
-    fine, remembers = fineness(data, physics.sensors), any(each.effect.extras for each in physics.motion)
+    now, damping, width = states.copy(), np.full(len(states), 1e-2), GUESS[: states.shape[1]]
+    fine, remembers = fineness(data, physics.sensors), _remembers(physics, states)
     motion = move(data, now, physics, fine)
     made = sensed(data, motion, physics)
-    costs = window_costs(data, now, guess, made)
+    costs, guess = window_costs(data, now, made), first_guess(data, now)
     channels, left_over, little = None if slopes is None else slopes.channels, float(rounds), SETTLED * len(now)
     while left_over > 0.0:
         fresh = channels is None
@@ -484,22 +525,22 @@ def settle_states(
         trial, hoped = now.copy(), 0.0
         for k in range(len(now)):
             piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
-            own = channels[:, :, piece].reshape(4, -1)
-            a = own @ own.T + np.diag(GUESS**-2.0)
-            g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * GUESS**-2.0
+            own = channels[:, :, piece].reshape(width.size, -1)
+            a = own @ own.T + np.diag(width**-2.0)
+            g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * width**-2.0
             step = np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
             trial[k] += step
             hoped += float(g @ step - 0.5 * step @ a @ step)
         trial[:, 3] = np.minimum(trial[:, 3], 0.0)
         tried = move(data, trial, physics, fine)
-        trial_costs = window_costs(data, trial, guess, sensed(data, tried, physics))
+        trial_costs = window_costs(data, trial, sensed(data, tried, physics))
         better = trial_costs < costs
         gained = float((costs - trial_costs)[better].sum())
         now[better] = trial[better]
         damping = np.where(better, damping / 5.0, damping * 8.0)
         motion = move(data, now, physics, fine) if remembers else _mixed(data, better, tried, motion)
         made = sensed(data, motion, physics)
-        costs = window_costs(data, now, guess, made)
+        costs = window_costs(data, now, made)
         if gained < little and (fresh or hoped < little):
             break
         if gained < KEPT * hoped:

@@ -11,7 +11,7 @@ from drillenv.diagnosis.candidates import FREED, own_parameters, parameter, usua
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import Fit, Hypothesis
 from drillenv.diagnosis.screen import Score
-from drillenv.diagnosis.shooting import Physics, predict
+from drillenv.diagnosis.shooting import Physics, joints, predict
 from drillenv.dynamics.effects import REGISTRY
 
 LINEAR = {
@@ -21,6 +21,8 @@ LINEAR = {
 """Symbols whose strength grows from nothing in proportion to the probe."""
 SQUARED = {"s"}
 """Symbols that act by their square."""
+GROWING = LINEAR | SQUARED | {"n", "h2", "h3", "o_e", "b_f", "b_a", "b_e"}
+"""Symbols that say how strong an effect is, 0 (or 1, of an exponent) where it is not there."""
 
 
 def extended(now: Fit, score: Score, recordings: Sequence[Conditioned]) -> tuple[Hypothesis, np.ndarray]:
@@ -102,13 +104,13 @@ def carried(states: np.ndarray, physics: Physics, data: Conditioned) -> np.ndarr
     Raises:
         InputError: the motion could not be followed.
     """
-    now = states.copy()
+    now, goes_on = states.copy(), joints(states)
     for _window in range(len(states)):
         # what changes in one window reaches the next; what the indenter does is left as measured
-        ends = predict(data, now, physics).ends[:-1, :2]
-        if np.array_equal(ends, now[1:, :2]):
+        ends = predict(data, now, physics).ends[:-1, goes_on]
+        if np.array_equal(ends, now[1:, goes_on]):
             break
-        now[1:, :2] = ends
+        now[1:, goes_on] = ends
     return now
 
 
@@ -120,6 +122,16 @@ def holding(hypothesis: Hypothesis, fixed: Mapping[str, float]) -> tuple[Hypothe
         effects.append((name, held + gone, tuple(each for each in free if each.name not in fixed)))
     kept = np.array([each.name not in fixed for each in hypothesis.parameters])
     return hypothesis._replace(effects=tuple(effects)), kept
+
+
+def from_nothing(fitted: Fit, mechanism: str) -> list[float]:
+    """By how many standard deviations a mechanism's strengths differ from nothing, those that grow from it."""
+    found = []
+    for each, value, width in zip(fitted.hypothesis.parameters, fitted.values, fitted.spread, strict=True):
+        if each.mechanism == mechanism and each.symbol in GROWING:
+            entry = next(entry for entry in REGISTRY[mechanism].parameters if entry.symbol == each.symbol)
+            found.append(abs(float(value) - entry.neutral) / float(width))
+    return found
 
 
 def leaving_out(hypothesis: Hypothesis, mechanism: str) -> tuple[Hypothesis, np.ndarray]:

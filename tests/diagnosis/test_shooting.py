@@ -30,9 +30,9 @@ def test_slopes_of_a_place_nearby_lead_to_the_same_states(effects):
     slopes = state_slopes(data, data.states, off, predict(data, data.states, off))
     ends = []
     for known in (None, slopes):
-        states, made = settle_states(data, data.states, data.states, physics, 12, known)
-        ends.append(window_costs(data, states, data.states, made))
-    begun = window_costs(data, data.states, data.states, predict(data, data.states, physics))
+        states, made = settle_states(data, data.states, physics, 12, known)
+        ends.append(window_costs(data, states, made))
+    begun = window_costs(data, data.states, predict(data, data.states, physics))
     assert begun.sum() > 2.0 * ends[0].sum()
     # less than a hundredth of the noise apart, in any window
     np.testing.assert_allclose(ends[1], ends[0], atol=0.01 * np.diff(data.starts).min())
