@@ -4,8 +4,20 @@ import numpy as np
 import pytest
 
 from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.fit import plain_cost
 from drillenv.diagnosis.rehearsal import rehearse
-from drillenv.diagnosis.shooting import Physics, predict, settle_states, shortening, state_slopes, window_costs
+from drillenv.diagnosis.shooting import (
+    JOIN,
+    WITH_FACE,
+    Physics,
+    predict,
+    quadratic,
+    settle_states,
+    shortening,
+    sized,
+    state_slopes,
+    window_costs,
+)
 from drillenv.dynamics.effects import make
 
 
@@ -36,3 +48,66 @@ def test_slopes_of_a_place_nearby_lead_to_the_same_states(effects):
     assert begun.sum() > 2.0 * ends[0].sum()
     # less than a hundredth of the noise apart, in any window
     np.testing.assert_allclose(ends[1], ends[0], atol=0.01 * np.diff(data.starts).min())
+
+
+MOUNT = make("rock-mount-compliance", s_r=3e-8, m_r=30.0, zeta_r=0.05)
+
+
+@pytest.fixture(scope="module")
+def on_a_mount():
+    """A recording of a rig that has been running, on a mount that swings, and its states settled at the truth."""
+    play = rehearse(np.random.default_rng(4), 4, (MOUNT,), recordings=3, seconds=0.2)
+    data = condition(play.campaign.recordings[0], play.rig).thinned(4)
+    physics = Physics(play.rig, play.rock, (MOUNT,))
+    return data, physics, settle_states(data, sized(data.states, WITH_FACE), physics, 12)[0]
+
+
+def test_windows_that_do_not_know_how_the_mount_was_swinging_come_to_leave_noise(on_a_mount):
+    data, physics, states = on_a_mount
+    known = window_costs(data, states, predict(data, states, physics))
+    guessed, made = settle_states(data, data.states, physics, 12)
+    assert not data.fresh
+    assert known.sum() < 1.1 * (data.judged.stop - data.judged.start)
+    # with the face at rest as the recording begins, and no state of its own in any window; the first is not judged
+    assert window_costs(data, guessed, made)[1] > 2.0 * known[1]
+
+
+def test_ends_and_slopes_of_a_moving_face(on_a_mount):
+    data, physics, states = on_a_mount
+    base = predict(data, states, physics)
+    slopes = state_slopes(data, states, physics, base)
+    assert base.ends.shape == states.shape
+    assert slopes.ends.shape == (WITH_FACE, *states.shape)
+    # the face's place and speed as a window ends are linear in those as it begins, as long as the rock is not touched
+    step = np.array([0.0, 0.0, 0.0, 0.0, 1e-7, 3e-5])
+    moved = predict(data, states + step, physics).ends - base.ends
+    said = np.einsum("j,jkl->kl", step, slopes.ends)
+    usual = np.median(np.abs(moved - said), axis=0) / np.maximum(np.median(np.abs(moved), axis=0), 1e-15)
+    assert (usual[[0, 1, 4, 5]] < 0.02).all()
+
+
+def test_a_window_that_is_not_judged_holds_no_other_in_place(on_a_mount):
+    data, physics, states = on_a_mount
+    other = states.copy()
+    other[0] += [20.0, 2e-3, 0.0, 0.0, 1e-6, 1e-3]
+    costs = [plain_cost(data, each, predict(data, each, physics), JOIN) for each in (states, other)]
+    # but for the weak belief in its first guess
+    assert abs(costs[1] - costs[0]) < 0.1
+    other[1] = other[0]
+    assert plain_cost(data, other, predict(data, other, physics), JOIN) > costs[0] + 10.0
+
+
+def test_half_the_sum_of_squares_is_the_quadratic_of_six_states(on_a_mount):
+    data, physics, states = on_a_mount
+    off = states + np.array([1.0, 1e-4, 1e-4, -1e-7, 1e-7, 1e-4])
+    off[:, 3] = np.minimum(off[:, 3], 0.0)
+    made = predict(data, off, physics)
+    slopes = state_slopes(data, off, physics, made)
+    nothing = np.zeros((0, 2, data.force.size)), np.zeros((0, *states.shape))
+    part = quadratic(data, off, made, slopes, *nothing)
+    before = plain_cost(data, off, made, JOIN)
+    better = off + part.moves.reshape(off.shape)
+    better[:, 3] = np.minimum(better[:, 3], 0.0)
+    after = plain_cost(data, better, predict(data, better, physics), JOIN)
+    assert before > 2.0 * part.value
+    assert after == pytest.approx(part.value, rel=0.02)
