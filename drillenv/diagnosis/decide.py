@@ -10,7 +10,19 @@ import numpy as np
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import own_parameters
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition, white_noise
-from drillenv.diagnosis.fit import CONSTANTS, FINAL, NEARBY, Fit, Hypothesis, Parameter, Stage, Workers, fit, joined
+from drillenv.diagnosis.fit import (
+    AT_LEAST,
+    CONSTANTS,
+    FINAL,
+    NEARBY,
+    Fit,
+    Hypothesis,
+    Parameter,
+    Stage,
+    Workers,
+    fit,
+    joined,
+)
 from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SECOND, SEVERAL, THIN, Step, late_step, next_step, tightened
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual
@@ -249,10 +261,11 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
 
 def _dry(fitted: Fit) -> dict[str, float]:
     """Speeds at which friction sets in that a fit has at their least value, at 0: there it is dry."""
-    named = zip(fitted.hypothesis.parameters, fitted.values, strict=True)
-    return {
-        each.name: 0.0 for each, value in named if " " in each.name and each.symbol in GRIPS and value < 1.05 * each.low
-    }
+    found = {}
+    for each, value in zip(fitted.hypothesis.parameters, fitted.values, strict=True):
+        if " " in each.name and each.symbol in GRIPS and value < AT_LEAST * each.low:
+            found[each.name] = 0.0
+    return found
 
 
 def _once(rejected: Sequence[tuple[str, float, str]], named: Sequence[str]) -> list[tuple[str, float, str]]:

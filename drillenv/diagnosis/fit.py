@@ -68,6 +68,8 @@ for what a report says. A strength may be short of its best by the root of twice
 ASTRAY, LEFT_OUT = 4.0, 1.5
 """Half a sum of squares over the samples of a window, 1 of noise alone, from which it may have been led astray: as a
 fit begins, and as one ends that has few such windows."""
+AT_LEAST = 1.05
+"""Times its least value below which a parameter is there."""
 RESCUE = 6
 """Rounds for a window that is begun anew."""
 
@@ -248,8 +250,10 @@ class Fit:
 
         The second is the jackknife's, leaving out one recording at a time (B. Efron, The jackknife, the bootstrap and
         other resampling plans, SIAM, 1982). It knows of what the noise does not: that a model is never quite right.
+        A parameter at a least value that is there for the fit's sake may be anything below, and the others with it.
         """
-        noise = np.sqrt(np.diag(self.covariance))
+        covariance = self.covariance
+        noise = np.sqrt(np.diag(covariance) + self._below(covariance) ** 2)
         parameters, count = self.hypothesis.parameters, len(self.quadratics)
         shared = np.array([not each.recording for each in parameters])
         if count < 3 or not shared.any():
@@ -265,6 +269,15 @@ class Fit:
             found.append(np.linalg.solve(curvature + np.diag(prior + 1e-9), gradient - pulled))
         apart = np.std(found, axis=0) * math.sqrt(count - 1) * widths
         return np.where(shared, np.maximum(noise, apart), noise)
+
+    def _below(self, covariance: np.ndarray) -> np.ndarray:
+        """(p,) how far the parameters would be off if those at their least value were at 0, root mean square."""
+        squares = np.zeros(self.values.size)
+        for i, each in enumerate(self.hypothesis.parameters):
+            if not each.recording and each.low > 0.0 and self.values[i] < AT_LEAST * each.low:
+                # as likely anywhere between
+                squares += (covariance[:, i] / covariance[i, i] * each.low) ** 2 / 3.0
+        return np.sqrt(squares)
 
 
 def sum_quadratics(
