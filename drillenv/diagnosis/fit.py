@@ -218,6 +218,8 @@ class Fit:
     cost: float
     """Half the sum of squares with the priors."""
     rounds: int
+    loose: float
+    """Factor on the width of the joints between windows with which it ended; 1 where they join."""
 
     def physics(self, recording: str = "") -> Physics:
         """The fitted model, as it was in a recording."""
@@ -442,7 +444,7 @@ class _Search:
         cost = self._cost(self.at, self.now, self.made, stage)
         return Fit(
             self.hypothesis, self.at, self.now, self.made, self.parts, self.slopes, self.columns, self.places, cost,
-            self.taken,
+            self.taken, stage.loose,
         )  # fmt: skip
 
     def _descend(self, stage: Stage, rounds: int) -> int:

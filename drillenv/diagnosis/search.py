@@ -202,10 +202,10 @@ def next_step(
     settled = bool(tried) and tried[0].fitted.per_sample > CLOSE
     settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
     onward: list[Tried] = []
-    if tried and _noticed(place, tried[0].fitted) and not settled:
+    if tried and _noticed(place, _like(now, tried[0])) and not settled:
         onward = [_onward(thin, tried[0], workers)]
         tried = _with_its_like([*onward, *tried[1:]], place)
-    best = tried[0].fitted if tried else now
+    best = _like(now, tried[0]) if tried else now
     scans = not (place.beside or scanned) and best.per_sample > FLOOR
     if scans and place.hidden and now.per_sample < FAR:
         tried += _scan_joined(HIDDEN, place)
@@ -224,14 +224,15 @@ def next_step(
     equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
     first = next((each for each in equals if _usual(each)), tried[0])
     needed = threshold(len(first.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, place.beside)
-    if now.cost - first.fitted.cost < CERTAIN * needed:
+    better = _like(now, first)
+    if now.cost - better.cost < CERTAIN * needed:
         place = place._replace(now=_without(thin, now, first, workers))
-    gain = place.now.cost - first.fitted.cost
+    gain = place.now.cost - better.cost
     others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
     passed += [(name, place.now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
         return None, [*passed, (first.mechanism, gain, "gains too little once fitted")], place.now
-    if not _noticed(place, first.fitted):
+    if not _noticed(place, better):
         return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], place.now
     same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}
     return Step(first.mechanism, gain, needed, first.loosely, first.fitted, same), passed, place.now
@@ -419,6 +420,11 @@ class Tried(NamedTuple):
     loosely: Fit
     """Without joints between the windows."""
     fitted: Fit
+
+
+def _like(now: Fit, tried: Tried) -> Fit:
+    """What a mechanism comes to, with windows that join or do not, as those of the fit without it."""
+    return tried.loosely if now.loose > 1.0 and tried.fitted.per_sample > CLOSE else tried.fitted
 
 
 def _order(tried: Tried) -> tuple[bool, float]:
