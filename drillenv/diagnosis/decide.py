@@ -23,7 +23,19 @@ from drillenv.diagnosis.fit import (
     fit,
     joined,
 )
-from drillenv.diagnosis.search import CLOSE, FAR, FLOOR, SECOND, SEVERAL, THIN, Step, late_step, next_step, tightened
+from drillenv.diagnosis.search import (
+    CLOSE,
+    FAINT,
+    FAR,
+    FLOOR,
+    SECOND,
+    SEVERAL,
+    THIN,
+    Step,
+    late_step,
+    next_step,
+    tightened,
+)
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual
 from drillenv.diagnosis.starts import from_nothing, holding, leaving_out
@@ -39,8 +51,6 @@ BENT = 6.0
 MOST_LEFT, SMALL_PART = 1.32, 0.1
 """A named mechanism whose equation is not quite that of the rig leaves something too: no more than this, and no more
 than this share of what it was named to explain."""
-FAINT = 5.0
-"""Standard deviations from nothing below which a mechanism is tried without, beside others."""
 QUIETER = 0.97
 """Share of the noise below which it is told anew from what is left."""
 GRIPS = {"vs1"}

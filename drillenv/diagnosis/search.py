@@ -17,7 +17,7 @@ from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import Physics, settle_states, sized, state_size, window_costs
-from drillenv.diagnosis.starts import LINEAR, carried, extended, holding, opened, placed_at
+from drillenv.diagnosis.starts import LINEAR, carried, extended, from_nothing, holding, opened, placed_at
 from drillenv.dynamics.effects import REGISTRY
 
 THIN = 4
@@ -54,8 +54,14 @@ SLACK = 8.0
 sample: noise is never quite white, nor is another's friction quite this one's."""
 SECOND = 25.0
 """The same for a mechanism beside others: what is left of those that is not quite their equation."""
+FAINT = 5.0
+"""Standard deviations from nothing below which it is asked whether a mechanism is needed at all."""
+NOTHING = 0.5
+"""The same below which it is none: what it gained is of what came with it, as where a hardening spring lets a fresh rig
+begin elsewhere."""
 CERTAIN = 30.0
-"""Times the gain that a mechanism has to bring from which it is not asked whether the fit without it stopped short."""
+"""Times the gain that a mechanism has to bring from which, unless it is faint, it is not asked whether the fit without
+it stopped short."""
 NOTICED = 0.1
 """Share of what is left that a mechanism has to explain, where it does not explain all: less is mopping up, and each
 further step costs more than all before."""
@@ -225,13 +231,16 @@ def next_step(
     first = next((each for each in equals if _usual(each)), tried[0])
     needed = threshold(len(first.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, place.beside)
     better = _like(now, first)
-    if now.cost - better.cost < CERTAIN * needed:
+    strengths = from_nothing(first.fitted, first.mechanism)
+    if max(strengths, default=0.0) < FAINT or now.cost - better.cost < CERTAIN * needed:
         place = place._replace(now=_without(thin, now, first, workers))
     gain = place.now.cost - better.cost
     others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
     passed += [(name, place.now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
         return None, [*passed, (first.mechanism, gain, "gains too little once fitted")], place.now
+    if strengths and max(strengths) < NOTHING:
+        return None, [*passed, (first.mechanism, gain, "is none once fitted")], place.now
     if not _noticed(place, better):
         return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], place.now
     same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}

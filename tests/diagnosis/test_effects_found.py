@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis import FAMILIES
 from drillenv.diagnosis.candidates import variants
 from drillenv.diagnosis.rehearsal import drawn_effect, rehearse
 from drillenv.diagnosis.report import diagnose
@@ -110,3 +111,13 @@ def test_dry_friction_of_the_indenter_is_found_to_a_hundredth():
     (finding,) = diagnose(campaign).record["findings"]
     assert finding["parameters"]["fc2"]["value"] == pytest.approx(15.0, rel=0.01)
     assert finding["parameters"]["vs2"]["value"] < 1.96 * finding["parameters"]["vs2"]["std"]
+
+
+@pytest.mark.slow
+def test_a_gain_that_drifts_is_no_hardening_spring():
+    """A hardening spring of no strength at all would let a fresh rig begin elsewhere, and so gain something."""
+    trial = FAMILIES["outside"](7, 1.0, 0.4)
+    assert trial.mechanisms == ("gain-drift",)
+    record = diagnose(trial.made.campaign).record
+    assert record["verdict"] == "unexplained"
+    assert record["findings"] == []
