@@ -200,7 +200,7 @@ def next_step(
     swings = bool(rivals) and loosely.per_sample > FLOOR and not _promising(place, rivals, "loose")
     if swings:
         tried += _scan("rock-mount-compliance", place)
-        if any(each.loosely.per_sample <= CLOSE for each in tried):
+        if any(each.fitted.per_sample <= CLOSE for each in tried):
             rivals = []
     tried += _try_rivals(place, rivals, passed)
     tried.sort(key=_order)
@@ -276,7 +276,10 @@ def _to_their_ends(thin: list[Conditioned], tried: list[Tried], workers: Workers
     ended = list(tried)
     for i, each in enumerate(tried[: len(near)]):
         for _again in range(3):
-            further = fit(thin, each.fitted.hypothesis, workers, stages=NEARBY, known=ended[i].fitted)
+            try:
+                further = fit(thin, each.fitted.hypothesis, workers, stages=NEARBY, known=ended[i].fitted)
+            except (InputError, np.linalg.LinAlgError):
+                break
             gained = ended[i].fitted.cost - further.cost
             ended[i] = ended[i]._replace(fitted=further)
             if gained < 1.0:
