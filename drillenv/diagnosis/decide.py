@@ -37,13 +37,15 @@ from drillenv.diagnosis.search import (
     tightened,
 )
 from drillenv.diagnosis.shape import Line, lines_left, repeated
-from drillenv.diagnosis.shooting import Prediction, predict, residual
+from drillenv.diagnosis.shooting import Prediction, predict, residual, window_costs
 from drillenv.diagnosis.starts import from_nothing, holding, leaving_out
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
 ALONE = Stage(1e4, 10, 2)
 """How a model that is held is laid onto recordings, before its windows are joined."""
+ELSEWHERE = 20.0
+"""Times the worst of the others that the first window of a fresh rig costs, from which it did not begin at rest."""
 MOST = 3
 """Mechanisms at once."""
 BENT = 6.0
@@ -120,6 +122,20 @@ def replay(
     return joined(recordings, alone, workers, apart.values, apart.states)
 
 
+def begun_elsewhere(recordings: Sequence[Conditioned], fitted: Fit) -> set[str]:
+    """Names of recordings of a fresh rig whose first window a fit follows far worse than all others.
+
+    A fresh rig is taken to begin at rest where the plain model rests. One that did not would bend every constant for
+    the sake of one window; read as a rig that was running, it says as much about the model.
+    """
+    found = set()
+    for data, states, made in zip(recordings, fitted.states, fitted.predictions, strict=True):
+        costs = window_costs(data, states, made) / np.diff(data.starts)
+        if data.fresh and costs[0] > ELSEWHERE * max(1.0, costs[1:].max()):
+            found.add(data.name)
+    return found
+
+
 def quieted(recordings: list[Conditioned], fitted: Fit) -> list[Conditioned]:
     """The recordings with their noise told from what a fit leaves, or themselves where that is nothing new.
 
@@ -154,16 +170,25 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     workers = Workers()
     try:
         say("reading the recordings")
-        data = workers.each(lambda recording: condition(recording, rig), campaign.recordings)
+        recordings = list(campaign.recordings)
+        data = workers.each(lambda recording: condition(recording, rig), recordings)
         late = common_lag(data, rig)
         if late != 0.0:
-            data = workers.each(lambda recording: condition(recording, rig, late), campaign.recordings)
+            data = workers.each(lambda recording: condition(recording, rig, late), recordings)
         held = [i for i, each in enumerate(campaign.recordings) if each.use == "held-out"] or _held_out(data)
         fit_data = [each for i, each in enumerate(data) if i not in held]
         held_data = [each for i, each in enumerate(data) if i in held]
         thin = [each.thinned(THIN) for each in fit_data]
         say("fitting the paper's model")
         loosely = fit(thin, plain_hypothesis, workers, stages=(Stage(1e4, 8, 6),))
+        elsewhere = begun_elsewhere(thin, loosely)
+        if elsewhere:
+            for i, each in enumerate(recordings):
+                if each.name in elsewhere:
+                    data[i] = condition(replace(each, starts="running"), rig, late)
+            fit_data = [each for i, each in enumerate(data) if i not in held]
+            thin = [each.thinned(THIN) for each in fit_data]
+            loosely = fit(thin, plain_hypothesis, workers, stages=(Stage(1e4, 8, 6),))
         plain = now = tightened(thin, loosely, workers)
         steps: list[Step] = []
         rejected: list[tuple[str, float, str]] = []

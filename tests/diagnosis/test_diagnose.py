@@ -1,6 +1,7 @@
 """Diagnoses of campaigns that the general engine makes: what was put in comes out, and nothing else."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +115,15 @@ def test_a_rate_dependent_rock_is_named(tmp_path):
     assert held["after"] < 1.15 < held["before"]
     report.write(tmp_path)
     assert [each.effect.name for each in read_model(tmp_path / "model.json").effects] == ["contact-rate"]
+
+
+@pytest.mark.slow
+def test_a_rig_that_was_running_and_is_called_fresh_spoils_nothing():
+    """Its first window begins anywhere but at rest: no constant is to be bent for that."""
+    campaign = campaign_with(effects=[make("contact-rate", chi=0.2)], seed=4)
+    recordings = tuple(replace(each, starts="fresh") if each.name == "r3" else each for each in campaign.recordings)
+    report = diagnose(replace(campaign, recordings=recordings))
+    assert report.verdict == "missing-physics"
+    (finding,) = report.record["findings"]
+    assert finding["mechanism"] == "contact-rate"
+    assert finding["parameters"]["chi"]["value"] == pytest.approx(0.2, abs=4 * finding["parameters"]["chi"]["std"])
