@@ -512,13 +512,15 @@ def _scan(mechanism: str, place: Place) -> list[Tried]:
         return []
     say(f"scanning {mechanism}")
     costs, places = [], SCANNED[mechanism]
-    data, states = thin[:SCAN_ON], loosely.states[:SCAN_ON]
-    without = sum(float(each.sum()) for each in map(window_costs, data, states, loosely.predictions[:SCAN_ON]))
+    data, laid = thin[:SCAN_ON], zip(loosely.states, loosely.predictions, strict=True)
+    without = sum(float(window_costs(each, *own).sum()) for each, own in zip(data, laid, strict=False))
+    # a fit that is far off has led the states off too, and what was measured has not
+    states = [each.states for each in thin] if loosely.per_sample > FAR else loosely.states
     for there in places:
         hypothesis, values = placed_at(now.hypothesis, mechanism, there, thin)
         try:
             physics = [hypothesis.physics(values, each.name) for each in data]
-            costs.append(sum(workers.each(_settled_cost, data, states, physics)))
+            costs.append(sum(workers.each(_settled_cost, data, states[:SCAN_ON], physics)))
         except (InputError, np.linalg.LinAlgError):
             costs.append(math.inf)
     noise = sum(each.judged.stop - each.judged.start for each in data)
@@ -526,7 +528,7 @@ def _scan(mechanism: str, place: Place) -> list[Tried]:
         return []
     hypothesis, values = placed_at(now.hypothesis, mechanism, places[int(np.argmin(costs))], thin)
     try:
-        return [_try(thin, mechanism, hypothesis, values, loosely.states, SCANNING, workers)]
+        return [_try(thin, mechanism, hypothesis, values, states, SCANNING, workers)]
     except (InputError, np.linalg.LinAlgError):
         return []
 
