@@ -147,12 +147,12 @@ is a damper."""
 
 def usual(mechanism: str, symbol: str) -> tuple[float, float]:
     """Between which values a parameter usually lies."""
-    return SIZES.get(symbol) or next(e.typical for e in REGISTRY[mechanism].parameters if e.symbol == symbol)
+    return SIZES.get(symbol) or REGISTRY[mechanism].parameter(symbol).typical
 
 
 def parameter(mechanism: str, symbol: str, value: float) -> Parameter:
     """A parameter of an effect as an unknown of a fit, with the registry's bounds."""
-    entry = next(each for each in REGISTRY[mechanism].parameters if each.symbol == symbol)
+    entry = REGISTRY[mechanism].parameter(symbol)
     largest = max(abs(each) for each in usual(mechanism, symbol))
     low, high = max(entry.low, LEAST.get(symbol, -math.inf)), entry.high
     value = float(np.clip(value, max(low, -3.0 * largest), min(high, 3.0 * largest)))

@@ -11,7 +11,7 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import own_parameters
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition, white_noise
 from drillenv.diagnosis.fit import (
-    AT_LEAST,
+    APART,
     CONSTANTS,
     FINAL,
     NEARBY,
@@ -122,17 +122,17 @@ def replay(
     return joined(recordings, alone, workers, apart.values, apart.states)
 
 
-def begun_elsewhere(recordings: Sequence[Conditioned], fitted: Fit) -> set[str]:
-    """Names of recordings of a fresh rig whose first window a fit follows far worse than all others.
+def begun_elsewhere(recordings: Sequence[Conditioned], fitted: Fit) -> list[int]:
+    """Which recordings are of a fresh rig whose first window a fit follows far worse than all others.
 
     A fresh rig is taken to begin at rest where the plain model rests. One that did not would bend every constant for
     the sake of one window; read as a rig that was running, it says as much about the model.
     """
-    found = set()
-    for data, states, made in zip(recordings, fitted.states, fitted.predictions, strict=True):
+    found = []
+    for i, (data, states, made) in enumerate(zip(recordings, fitted.states, fitted.predictions, strict=True)):
         costs = window_costs(data, states, made) / np.diff(data.starts)
         if data.fresh and costs[0] > ELSEWHERE * max(1.0, costs[1:].max()):
-            found.add(data.name)
+            found.append(i)
     return found
 
 
@@ -170,25 +170,23 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     workers = Workers()
     try:
         say("reading the recordings")
-        recordings = list(campaign.recordings)
-        data = workers.each(lambda recording: condition(recording, rig), recordings)
+        data = workers.each(lambda recording: condition(recording, rig), campaign.recordings)
         late = common_lag(data, rig)
         if late != 0.0:
-            data = workers.each(lambda recording: condition(recording, rig, late), recordings)
+            data = workers.each(lambda recording: condition(recording, rig, late), campaign.recordings)
         held = [i for i, each in enumerate(campaign.recordings) if each.use == "held-out"] or _held_out(data)
-        fit_data = [each for i, each in enumerate(data) if i not in held]
+        kept = [i for i in range(len(data)) if i not in held]
         held_data = [each for i, each in enumerate(data) if i in held]
-        thin = [each.thinned(THIN) for each in fit_data]
         say("fitting the paper's model")
-        loosely = fit(thin, plain_hypothesis, workers, stages=(Stage(1e4, 8, 6),))
-        elsewhere = begun_elsewhere(thin, loosely)
+        thin = [data[i].thinned(THIN) for i in kept]
+        loosely = fit(thin, plain_hypothesis, workers, stages=APART)
+        elsewhere = [kept[place] for place in begun_elsewhere(thin, loosely)]
         if elsewhere:
-            for i, each in enumerate(recordings):
-                if each.name in elsewhere:
-                    data[i] = condition(replace(each, starts="running"), rig, late)
-            fit_data = [each for i, each in enumerate(data) if i not in held]
-            thin = [each.thinned(THIN) for each in fit_data]
-            loosely = fit(thin, plain_hypothesis, workers, stages=(Stage(1e4, 8, 6),))
+            for i in elsewhere:
+                data[i] = condition(replace(campaign.recordings[i], starts="running"), rig, late)
+            thin = [data[i].thinned(THIN) for i in kept]
+            loosely = fit(thin, plain_hypothesis, workers, stages=APART)
+        fit_data = [data[i] for i in kept]
         plain = now = tightened(thin, loosely, workers)
         steps: list[Step] = []
         rejected: list[tuple[str, float, str]] = []
@@ -298,7 +296,7 @@ def _dry(fitted: Fit) -> dict[str, float]:
     """Speeds at which friction sets in that a fit has at their least value, at 0: there it is dry."""
     found = {}
     for each, value in zip(fitted.hypothesis.parameters, fitted.values, strict=True):
-        if " " in each.name and each.symbol in GRIPS and value < AT_LEAST * each.low:
+        if " " in each.name and each.symbol in GRIPS and each.at_least(value):
             found[each.name] = 0.0
     return found
 

@@ -20,6 +20,7 @@ from drillenv.diagnosis.shooting import (
     Prediction,
     Quadratic,
     Slopes,
+    channel_change,
     first_guess,
     first_joint,
     joints,
@@ -94,7 +95,9 @@ class Stage(NamedTuple):
 
 JOINED = (Stage(10.0, 0, 4), Stage(1.0, 0, 16))
 """From windows fitted each on its own."""
-FROM_AFAR = (Stage(1e4, 8, 6), *JOINED)
+APART = (Stage(1e4, 8, 6),)
+"""Each window on its own, from first guesses."""
+FROM_AFAR = (*APART, *JOINED)
 """From first guesses: the joints come last, when the constants are nearly right."""
 NEARBY = (Stage(1.0, 0, 8),)
 """From a fit of nearly the same hypothesis."""
@@ -127,6 +130,10 @@ class Parameter(NamedTuple):
     def symbol(self) -> str:
         """Of an effect's parameter, as in "chi"."""
         return self.name.split(" ")[1]
+
+    def at_least(self, value: float) -> bool:
+        """Whether a value is its least one, which is there for the fit's sake and above nothing."""
+        return self.low > 0.0 and value < AT_LEAST * self.low
 
 
 class Hypothesis(NamedTuple):
@@ -276,7 +283,7 @@ class Fit:
         """(p,) how far the parameters would be off if those at their least value were at 0, root mean square."""
         squares = np.zeros(self.values.size)
         for i, each in enumerate(self.hypothesis.parameters):
-            if not each.recording and each.low > 0.0 and self.values[i] < AT_LEAST * each.low:
+            if not each.recording and each.at_least(self.values[i]):
                 # as likely anywhere between
                 squares += (covariance[:, i] / covariance[i, i] * each.low) ** 2 / 3.0
         return np.sqrt(squares)
@@ -310,15 +317,7 @@ class Workers:
 
 def scaled_change(data: Conditioned, moved: Prediction, base: Prediction, step: float):
     """(2, n) change of the scaled channels and (windows, size) of the ends, per ``step``."""
-    return (
-        np.stack(
-            [
-                (moved.force - base.force) / (data.noise_force * step),
-                (moved.acceleration - base.acceleration) / (data.noise_acceleration * step),
-            ]
-        ),
-        (moved.ends - base.ends) / step,
-    )
+    return channel_change(data, moved, base, step), (moved.ends - base.ends) / step
 
 
 def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, values: np.ndarray, base: Prediction):

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from drillenv.checks import InputError
 from drillenv.diagnosis.candidates import ALIKE, FREED_LATE, HIDDEN, SCANNED, SCANNED_JOINED, usual
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.fit import CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
+from drillenv.diagnosis.fit import APART, CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import Physics, settle_states, sized, state_size, window_costs
 from drillenv.diagnosis.starts import LINEAR, carried, extended, from_nothing, holding, opened, placed_at
@@ -128,7 +128,7 @@ def late_step(thin: list[Conditioned], late: float, plain: Fit, workers: Workers
     values[: len(plain.values)] = [each.value for each in plain.hypothesis.constants]
     states = [each.states for each in thin]
     try:
-        tried = _try(thin, "channel-delay", hypothesis, values, states, (Stage(1e4, 8, 6),), workers)
+        tried = _try(thin, "channel-delay", hypothesis, values, states, APART, workers)
     except (InputError, np.linalg.LinAlgError):
         return None
     gain, needed = plain.cost - tried.fitted.cost, (1.0 - MUCH) * plain.cost
@@ -207,10 +207,10 @@ def next_step(
     # where nothing is left inside the windows, what is left is not a fit that stopped short
     settled = bool(tried) and tried[0].fitted.per_sample > CLOSE
     settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
-    onward: list[Tried] = []
+    pushed = None
     if tried and _noticed(place, _like(now, tried[0])) and not settled:
-        onward = [_onward(thin, tried[0], workers)]
-        tried = _with_its_like([*onward, *tried[1:]], place)
+        pushed = tried[0] = _onward(thin, tried[0], workers)
+        tried = _with_its_like(tried, place)
     best = _like(now, tried[0]) if tried else now
     scans = not (place.beside or scanned) and best.per_sample > FLOOR
     if scans and place.hidden and now.per_sample < FAR:
@@ -224,7 +224,7 @@ def next_step(
     tried.sort(key=_order)
     if not tried:
         return None, passed, now
-    if tried[0] not in onward and not settled:
+    if tried[0] is not pushed and not settled:
         tried[0] = _onward(thin, tried[0], workers)
     tried = _to_their_ends(thin, _with_its_like(tried, place), workers)
     equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
@@ -421,7 +421,7 @@ def _wrong_way(score: Score) -> bool:
     moved = [symbol for probe in score.variant.probes for symbol, _size in probe]
     if len(moved) > 1:
         return False
-    entry = next(each for each in REGISTRY[score.variant.mechanism].parameters if each.symbol == moved[0])
+    entry = REGISTRY[score.variant.mechanism].parameter(moved[0])
     return entry.neutral in (entry.low, entry.high) and float(score.strengths[0]) <= 0.0
 
 
@@ -512,8 +512,9 @@ def _scan(mechanism: str, place: Place) -> list[Tried]:
         return []
     say(f"scanning {mechanism}")
     costs, places = [], SCANNED[mechanism]
-    data, laid = thin[:SCAN_ON], zip(loosely.states, loosely.predictions, strict=True)
-    without = sum(float(window_costs(each, *own).sum()) for each, own in zip(data, laid, strict=False))
+    data = thin[:SCAN_ON]
+    laid = map(window_costs, data, loosely.states[:SCAN_ON], loosely.predictions[:SCAN_ON])
+    without = sum(float(each.sum()) for each in laid)
     # a fit that is far off has led the states off too, and what was measured has not
     states = [each.states for each in thin] if loosely.per_sample > FAR else loosely.states
     for there in places:

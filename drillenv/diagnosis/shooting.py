@@ -379,12 +379,12 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
         motion = move(data, moved, physics, fine, extras=extras)
         ends[j] = (motion.ends - base.ends) / step
         if still is None or after is None:
-            channels[j] = _change(data, sensed(data, motion, physics), base, step)
+            channels[j] = channel_change(data, sensed(data, motion, physics), base, step)
             continue
         # a sensor that remembers carries a window over into the next: every other one is moved at a time
         for turn in range(2):
             mixed = _mixed(data, turns == turn, motion, still)
-            change = _change(data, sensed(data, mixed, physics), base, step)
+            change = channel_change(data, sensed(data, mixed, physics), base, step)
             own = inside == turn
             channels[j][:, own], after[j][:, ~own] = change[:, own], change[:, ~own]
     if after is not None:
@@ -398,7 +398,7 @@ def _remembers(physics: Physics, states: np.ndarray) -> bool:
     return any(each.effect.extras for each in physics.motion if states.shape[1] == STATES or not each.effect.moves_face)
 
 
-def _change(data: Conditioned, moved: Prediction, base: Prediction, step: float) -> np.ndarray:
+def channel_change(data: Conditioned, moved: Prediction, base: Prediction, step: float) -> np.ndarray:
     """(2, n) change of the scaled channels per ``step``."""
     return np.stack(
         [

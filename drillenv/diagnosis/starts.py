@@ -129,8 +129,7 @@ def from_nothing(fitted: Fit, mechanism: str) -> list[float]:
     found = []
     for each, value, width in zip(fitted.hypothesis.parameters, fitted.values, fitted.spread, strict=True):
         if each.mechanism == mechanism and each.symbol in GROWING:
-            entry = next(entry for entry in REGISTRY[mechanism].parameters if entry.symbol == each.symbol)
-            found.append(abs(float(value) - entry.neutral) / float(width))
+            found.append(abs(float(value) - REGISTRY[mechanism].parameter(each.symbol).neutral) / float(width))
     return found
 
 

@@ -187,6 +187,17 @@ class Effect:
         """Whether it acts on the motion of the drilling rig, so that the general engine takes it."""
         return self.term is not None or self.shape is not None or self.grips is not None
 
+    def parameter(self, symbol: str) -> Parameter:
+        """The parameter of this symbol.
+
+        Raises:
+            KeyError: there is none.
+        """
+        for each in self.parameters:
+            if each.symbol == symbol:
+                return each
+        raise KeyError(symbol)
+
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
