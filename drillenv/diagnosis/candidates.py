@@ -102,15 +102,24 @@ SCANNED = {
 """Where a mechanism is looked for whose mark at one strength says nothing of that at another: what resonates, and a
 limit that a fit without it never comes near, with the drive as much weaker."""
 SCANNED_JOINED = {
+    "air-spring": ({"k_a": 5e4, "tau": 0.3},),
     "guide-friction": ({"fc1": 100.0, "vs1": 2e-3},),
     "backlash": ({"g": 3e-4, "y0": -1e-4}, {"g": 8e-4, "y0": -2e-5}),
 }
 """The same where no window on its own shows it. A spring has no stiffness left in its play, and all of it outside; a
 shaker that dry friction holds now and then has to be held from the beginning, or nothing tells the fit when."""
-HIDDEN = ("guide-friction", "backlash")
-"""Those of them that no first look shows."""
+HIDDEN = ("air-spring", "guide-friction", "backlash")
+"""Those of them that no first look shows, or shows backwards where they are strong; the quickest to fit comes first."""
+
+
+def _leaking(damping: float) -> dict[str, float]:
+    """An air spring that damps as much, both its parameters as usual as can be."""
+    tau = float(np.clip(damping / 7e4, 0.1, 0.5))
+    return {"k_a": damping / tau, "tau": tau}
+
+
 ALIKE: dict[str, tuple[str, Callable[[dict[str, float]], dict[str, float]]]] = {
-    "guide-friction": ("air-spring", lambda of: {"k_a": of["fc1"] / of["vs1"] / 0.2, "tau": 0.2}),
+    "guide-friction": ("air-spring", lambda of: _leaking(of["fc1"] / of["vs1"])),
     "air-spring": ("guide-friction", lambda of: {"fc1": of["k_a"] * of["tau"] * 2e-3, "vs1": 2e-3}),
 }
 """Mechanisms that pass for each other, and the strengths with which one stands for the other: friction that sets in
@@ -131,8 +140,6 @@ FREED = {
     "indenter-friction": ("fc2", "vs2"),
 }
 """Parameters fitted for good where they are more than those of the probes."""
-FREED_LATE = {"air-spring": ("tau",)}
-"""Parameters freed when those beside them are near: from afar both run into a valley of stiff air that leaks."""
 DELAY = (5e-5, 4e-4)
 SIZES = {"delay_e": DELAY, "delay_f": DELAY, "delay_a": DELAY, "vs1": (5e-4, 5e-3), "vs2": (1e-3, 5e-2)}
 """Usual sizes where they are not the registry's: any channel may lag, and a dry guide is seldom perfectly dry."""
@@ -175,7 +182,4 @@ def own_parameters(mechanism: str, data: Conditioned, strengths: np.ndarray | No
         found.append(
             Parameter(f"{mechanism} N0 {data.name}", start, 2 * each_second, 0.25, low, 1e4, recording=data.name)
         )
-    if mechanism == "air-spring" and not data.fresh:
-        # a piston that has long been advancing has lost the force at which the supply keeps up with it
-        found.append(Parameter(f"{mechanism} s0 {data.name}", 40.0, 20.0, 0.25, recording=data.name))
     return found

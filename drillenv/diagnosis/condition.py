@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -46,6 +46,8 @@ HUM = 40.0
 """Half a sum of squares that a hum has to explain of the force in flight."""
 IN_STEP = 0.5
 """Turns by which mains drift away from the excitation, or from every other of its periods, to be told from it."""
+HEAVY = 1.0
+"""Mass in kg from which no load cell carries it."""
 STEEP = 3.0
 """Standard deviations of the force in flight beyond which no hum is read into it: flights locked to the mains say
 nothing of what it is between them."""
@@ -77,6 +79,8 @@ class Conditioned:
     noise_acceleration: float
     """In m/s^2."""
     noise_excitation: float
+    lost: float
+    """Force of the cylinder in N that does not arrive at the rock on average, by the balance of momentum."""
     starts: np.ndarray
     """(windows + 1,) samples at which windows begin, and where the last one ends."""
     thin: int
@@ -182,37 +186,63 @@ def spring_from_force(
     return driven[0] + weights @ free[0], driven[1] + weights @ free[1]
 
 
-def flight_reading(force: np.ndarray, noise: float, rate: float, omega: float) -> np.ndarray:
-    """(n,) what the load cell shows off the rock in N: its zero and the mains, where they are more than its noise.
+def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, rate: float, omega: float) -> np.ndarray:
+    """(n,) what the load cell shows off the rock in N: its zero, a mass it carries, and the mains.
 
-    Flights are the lowest part of the force: what lies within noise of its twentieth part, and of what is read there.
-    Mains in step with the excitation of ``omega`` rad/s are not read: light presses on the rock pass for them.
+    Each where it is more than noise. Flights are the lowest part of the force: what lies within noise of its twentieth
+    part, and of what is read there. Mains in step with the excitation of ``omega`` rad/s are not read: light presses on
+    the rock pass for them.
     """
     low = force < np.percentile(force, 5.0) + 4.0 * noise
     level = float(np.median(force[low]))
     level = level if abs(level) > noise else 0.0
-    time = np.arange(force.size) / rate
-    best, found = HUM, np.full(force.size, level)
+    own, time = np.ones_like(force), np.arange(force.size) / rate
+    hums = []
     for frequency in MAINS:
         turned = 2 * math.pi * frequency * time
         beats = [abs(order * frequency - omega / (2 * math.pi)) * force.size / rate for order in (1, 2)]
-        if min(beats) < IN_STEP:
-            continue
-        basis = np.column_stack([np.ones_like(time), np.sin(turned), np.cos(turned)])
-        # the first flights are those in the hum's trough, with some of its height
-        off = force < level + 2.0 * TOUCH * noise
-        for _round in range(6):
-            weights = np.linalg.lstsq(basis[off], force[off], rcond=None)[0]
-            said = basis @ weights
-            off = np.abs(force - said) < 4.0 * noise
-            if np.count_nonzero(off) < SHORTEST_FLIGHT:
-                break
-        else:
-            gain = 0.5 * float((force[off] - np.median(force[off])).var() - (force[off] - said[off]).var())
-            gain *= np.count_nonzero(off) / noise**2
-            if gain > best and math.hypot(*weights[1:]) < STEEP * float(force[off].std()):
-                best, found = gain, said
+        if min(beats) >= IN_STEP:
+            hums.append([np.sin(turned), np.cos(turned)])
+    best, found = 0.0, np.full(force.size, level)
+    # the simplest come first, and others have to say more than these
+    for group in (hums, [[acceleration]], [[*hum, acceleration] for hum in hums]):
+        beyond = best + HUM
+        for columns in group:
+            read = _read_off(force, np.column_stack([own, *columns]), level, noise)
+            if read is None or read.gain <= max(beyond, best):
+                continue
+            hum = read.weights[1:3] if len(columns) > 1 else np.zeros(2)
+            carries = len(columns) != 2
+            if math.hypot(*hum) < STEEP * read.height and (not carries or 0.0 < read.weights[-1] < HEAVY):
+                best, found = read.gain, read.said
     return found
+
+
+class _Reading(NamedTuple):
+    """What a load cell shows in flight, fitted there."""
+
+    weights: np.ndarray
+    """(k,)."""
+    said: np.ndarray
+    """(n,) in N."""
+    gain: float
+    """Half a sum of squares that it explains beyond a level."""
+    height: float
+    """Standard deviation of the force in flight in N."""
+
+
+def _read_off(force: np.ndarray, basis: np.ndarray, level: float, noise: float) -> _Reading | None:
+    """Columns (n, k) fitted to the force in flight; None where no flight is left."""
+    # the first flights are those in the trough of what is read, with some of its height
+    off, weights, said = force < level + 2.0 * TOUCH * noise, np.zeros(0), force
+    for _round in range(6):
+        weights = np.linalg.lstsq(basis[off], force[off], rcond=None)[0]
+        said = basis @ weights
+        off = np.abs(force - said) < 4.0 * noise
+        if np.count_nonzero(off) < SHORTEST_FLIGHT:
+            return None
+    gain = 0.5 * float((force[off] - np.median(force[off])).var() - (force[off] - said[off]).var())
+    return _Reading(weights, said, gain * np.count_nonzero(off) / noise**2, float(force[off].std()))
 
 
 def lag(
@@ -287,7 +317,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         samples = np.arange(force.size)
         now = np.interp(samples + late * rate, samples, acceleration)
     # whatever the load cell says in flight is not of the rock
-    resting = force - flight_reading(force, noise[0], rate, omega)
+    resting = force - flight_reading(force, now, noise[0], rate, omega)
     touches = contacts(resting, noise[0])
     if len(touches) < 3:
         raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")
@@ -319,6 +349,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         noise[0],
         noise[1],
         max(white_noise(excitation), 1e-9),
+        rig.static_force(setting) - float(resting[starts[0] : starts[-1]].mean()),
         starts,
         1,
         states,

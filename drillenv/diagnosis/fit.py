@@ -23,6 +23,7 @@ from drillenv.diagnosis.shooting import (
     channel_change,
     first_guess,
     first_joint,
+    held_in,
     joints,
     predict,
     quadratic,
@@ -52,8 +53,8 @@ UNITS = {
 }
 """SI units of the constants."""
 CONSTANTS = tuple(UNITS)
-BEGUN = ("N0", "s0")
-"""Symbols for the first extra state of an effect as a recording of a running rig begins."""
+BEGUN = "N0"
+"""Symbol for the first extra state of an effect as a recording of a running rig begins."""
 STEP = 0.02
 """Standard deviations by which a constant is moved for its derivative."""
 PLAY = "backlash g"
@@ -173,7 +174,7 @@ class Hypothesis(NamedTuple):
                 if each.recording in ("", recording):
                     symbols[each.symbol] = float(values[at])
                 at += 1
-            begun += [(name, symbols.pop(symbol)) for symbol in BEGUN if symbol in symbols]
+            begun += [(name, symbols.pop(BEGUN))] if BEGUN in symbols else []
             chosen.append(make(name, **polar(symbols)))
         motion, sensors = split_effects(chosen)
         return made._replace(motion=(*made.motion, *motion), sensors=(*made.sensors, *sensors), begun=tuple(begun))
@@ -213,13 +214,13 @@ class Fit:
     values: np.ndarray
     """(p,) of the parameters."""
     states: list[np.ndarray]
-    """(windows, 4 or 6) of each recording."""
+    """(windows, 4 to 7) of each recording."""
     predictions: list[Prediction]
     quadratics: list[Quadratic]
     """About the values, in widths."""
     slopes: list[Slopes]
     columns: list[tuple[np.ndarray, np.ndarray]]
-    """(q, 2, n) and (q, windows, 4 or 6) of each recording: answers to the q parameters that act on it."""
+    """(q, 2, n) and (q, windows, 4 to 7) of each recording: answers to the q parameters that act on it."""
     places: list[np.ndarray]
     """(q,) of each recording: which parameters these are."""
     cost: float
@@ -245,15 +246,6 @@ class Fit:
         return (self.values[: len(constants)] - believed) / widths
 
     @property
-    def covariance(self) -> np.ndarray:
-        """(p, p) of the parameters, in their own units."""
-        # what the recordings say nothing of is a thousand widths wide
-        priors = [each.prior + 1e-6 for each in self.hypothesis.parameters]
-        total = sum_quadratics(self.quadratics, self.places, len(priors))[1] + np.diag(priors)
-        widths = np.array([each.width for each in self.hypothesis.parameters])
-        return np.linalg.inv(total) * widths[:, None] * widths[None, :]
-
-    @property
     def spread(self) -> np.ndarray:
         """(p,) standard deviations of the parameters: from the noise, or, if larger, as the recordings disagree.
 
@@ -261,31 +253,43 @@ class Fit:
         other resampling plans, SIAM, 1982). It knows of what the noise does not: that a model is never quite right.
         A parameter at a least value that is there for the fit's sake may be anything below, and the others with it.
         """
-        covariance = self.covariance
-        noise = np.sqrt(np.diag(covariance) + self._below(covariance) ** 2)
-        parameters, count = self.hypothesis.parameters, len(self.quadratics)
-        shared = np.array([not each.recording for each in parameters])
-        if count < 3 or not shared.any():
-            return noise
+        return self.spread_beside(np.zeros(self.values.size, dtype=bool))
+
+    def spread_beside(self, held: np.ndarray) -> np.ndarray:
+        """The same, with the parameters ``held`` (p,) known to be what they are; of these 0."""
+        parameters, count, free = self.hypothesis.parameters, len(self.quadratics), ~held
         widths = np.array([each.width for each in parameters])
         prior = np.array([each.prior for each in parameters])
+        total = sum_quadratics(self.quadratics, self.places, prior.size)[1]
+        # what the recordings say nothing of is a thousand widths wide
+        covariance = np.linalg.inv((total + np.diag(prior + 1e-6))[np.ix_(free, free)])
+        covariance *= widths[free, None] * widths[None, free]
+        found = np.zeros(prior.size)
+        found[free] = np.sqrt(np.diag(covariance) + self._below(covariance, free) ** 2)
+        shared = free & np.array([not each.recording for each in parameters])
+        if count < 3 or not shared.any():
+            return found
         pulled = prior * (self.values - np.array([each.value for each in parameters])) / widths
-        found = []
+        moved = []
         for out in range(count):
             parts = [each for i, each in enumerate(self.quadratics) if i != out]
             places = [each for i, each in enumerate(self.places) if i != out]
-            gradient, curvature = sum_quadratics(parts, places, len(parameters))
-            found.append(np.linalg.solve(curvature + np.diag(prior + 1e-9), gradient - pulled))
-        apart = np.std(found, axis=0) * math.sqrt(count - 1) * widths
-        return np.where(shared, np.maximum(noise, apart), noise)
+            gradient, curvature = sum_quadratics(parts, places, prior.size)
+            moved.append(
+                np.linalg.solve((curvature + np.diag(prior + 1e-9))[np.ix_(free, free)], (gradient - pulled)[free])
+            )
+        apart = np.zeros(prior.size)
+        apart[free] = np.std(moved, axis=0) * math.sqrt(count - 1) * widths[free]
+        return np.where(shared, np.maximum(found, apart), found)
 
-    def _below(self, covariance: np.ndarray) -> np.ndarray:
-        """(p,) how far the parameters would be off if those at their least value were at 0, root mean square."""
-        squares = np.zeros(self.values.size)
-        for i, each in enumerate(self.hypothesis.parameters):
+    def _below(self, covariance: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """How far the ``free`` parameters would be off if those at their least value were at 0, root mean square."""
+        squares = np.zeros(len(covariance))
+        for row, i in enumerate(np.flatnonzero(free).tolist()):
+            each = self.hypothesis.parameters[i]
             if not each.recording and each.at_least(self.values[i]):
                 # as likely anywhere between
-                squares += (covariance[:, i] / covariance[i, i] * each.low) ** 2 / 3.0
+                squares += (covariance[:, row] / covariance[row, row] * each.low) ** 2 / 3.0
         return np.sqrt(squares)
 
 
@@ -344,7 +348,7 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
 def plain_cost(data: Conditioned, states: np.ndarray, made: Prediction, join: np.ndarray) -> float:
     """Half the sum of squares of one recording at these states."""
     goes_on, k = joints(states), first_joint(data)
-    gaps = (made.ends[k:-1, goes_on] - states[k + 1 :, goes_on]) / join[: goes_on.size]
+    gaps = (made.ends[k:-1, goes_on] - states[k + 1 :, goes_on]) / join[held_in(states)][goes_on]
     return float(window_costs(data, states, made).sum()) + 0.5 * float((gaps**2).sum())
 
 
@@ -401,7 +405,8 @@ class _Search:
         self.noise = float(sum(data.judged.stop - data.judged.start for data in recordings))
         """Half the sum of squares that noise alone leaves."""
         self.at = self.centre.copy() if values is None else np.array(values, dtype=float)
-        self.now = [sized(each, size) for each in ([data.states for data in recordings] if states is None else states)]
+        begin = [data.states for data in recordings] if states is None else states
+        self.now = [sized(data, own, size) for data, own in zip(recordings, begin, strict=True)]
         self.led = states is not None
         """Whether it begins where another hypothesis has ended."""
         self.made: list[Prediction] = []

@@ -8,6 +8,7 @@ of all candidates gains by chance is drawn by a parametric bootstrap.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from drillenv.diagnosis.fit import Fit, Workers, scaled_change, sum_quadratics
 from drillenv.diagnosis.shooting import (
     JOIN,
     Motion,
+    Physics,
     drive_phase,
     fineness,
     move,
@@ -73,6 +75,9 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
                 for probe in variant.probes:
                     motion, sensors = split_effects((make(variant.mechanism, **dict(variant.held), **dict(probe)),))
                     with_it = physics._replace(motion=(*physics.motion, *motion), sensors=(*physics.sensors, *sensors))
+                    if motion and variant.mechanism == "air-spring" and not data.fresh:
+                        lost = _long_lost(data, states, with_it)
+                        with_it = with_it._replace(begun=(*with_it.begun, (variant.mechanism, lost)))
                     if motion or drive_phase(data, with_it) != drive_phase(data, physics):
                         said = predict(data, states, with_it)
                     else:
@@ -123,6 +128,18 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
     scores = [_score(variant, gradient, curvature, prior.size, slots[variant]) for variant in tried]
     chance = luck(curvature, prior.size, list(slots.values()), np.random.default_rng(seed))
     return Look(sorted(scores, key=lambda each: -each.gain), chance)
+
+
+def _long_lost(data: Conditioned, states: np.ndarray, physics: Physics) -> float:
+    """Force in N that the cylinder of a rig that has long been running has lost, by the last of its effects.
+
+    What it loses from nothing until the last window comes so near to it as the supply's time allows.
+    """
+    chosen = physics.motion[-1]
+    others = sum(len(each.effect.extras) for each in physics.motion[:-1] if not each.effect.comes_last)
+    reached = move(data, states, physics, 1).extras[-1, others]
+    time = (data.starts[-2] - data.starts[0]) / data.rate
+    return float(reached / -math.expm1(-time / chosen.values[1]))
 
 
 def luck(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +11,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.candidates import ALIKE, FREED_LATE, HIDDEN, SCANNED, SCANNED_JOINED, usual
+from drillenv.diagnosis.candidates import ALIKE, HIDDEN, SCANNED, SCANNED_JOINED, usual
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import APART, CONSTANTS, JOINED, NEARBY, Fit, Hypothesis, Stage, Workers, fit, joined
 from drillenv.diagnosis.screen import Score, screen
 from drillenv.diagnosis.shooting import Physics, settle_states, sized, state_size, window_costs
-from drillenv.diagnosis.starts import LINEAR, carried, extended, from_nothing, holding, opened, placed_at
+from drillenv.diagnosis.starts import LINEAR, carried, extended, from_nothing, opened, placed_at
 from drillenv.dynamics.effects import REGISTRY
 
 THIN = 4
@@ -162,10 +161,18 @@ class Place(NamedTuple):
         """Whether what is left shows only where windows join, as does what acts on the shaker."""
         return self.loosely.per_sample <= FLOOR and self.now.per_sample > (CLOSE if self.beside else FLOOR)
 
-    @property
-    def excess(self) -> float:
-        """Half the sum of squares that is left beyond the noise."""
-        return self.now.cost - self.now.cost / self.now.per_sample
+    def without_and_with(self, tried: Tried) -> tuple[Fit, Fit]:
+        """Fits without and with a mechanism that may be held against each other, their windows joined alike.
+
+        Where neither can be joined and nothing is left inside the windows with it, these say what it is worth.
+        """
+        if tried.fitted.per_sample <= CLOSE:
+            return self.now, tried.fitted
+        if self.now.loose > 1.0:
+            return self.now, tried.loosely
+        if self.now.per_sample > CLOSE and tried.loosely.per_sample <= FLOOR < self.loosely.per_sample:
+            return self.loosely, tried.loosely
+        return self.now, tried.fitted
 
 
 def next_step(
@@ -208,10 +215,10 @@ def next_step(
     settled = bool(tried) and tried[0].fitted.per_sample > CLOSE
     settled = settled and (place.hidden or tried[0].loosely.per_sample <= FLOOR)
     pushed = None
-    if tried and _noticed(place, _like(now, tried[0])) and not settled:
+    if tried and _noticed(*place.without_and_with(tried[0])) and not settled:
         pushed = tried[0] = _onward(thin, tried[0], workers)
         tried = _with_its_like(tried, place)
-    best = _like(now, tried[0]) if tried else now
+    without, best = place.without_and_with(tried[0]) if tried else (now, now)
     scans = not (place.beside or scanned) and best.per_sample > FLOOR
     if scans and place.hidden and now.per_sample < FAR:
         tried += _scan_joined(HIDDEN, place)
@@ -219,7 +226,7 @@ def next_step(
         tried += _scan_joined(("backlash",), place)
     if rivals and not (settled or swings) and loosely.per_sample > FLOOR:
         # beside others everything explains a little
-        scans = now.cost - best.cost < PROMISING * place.excess if place.beside else scans
+        scans = without.cost - best.cost < PROMISING * _excess(without) if place.beside else scans
         tried += _scan("rock-mount-compliance", place) if scans else []
     tried.sort(key=_order)
     if not tried:
@@ -230,30 +237,32 @@ def next_step(
     equals = [each for each in tried if each.fitted.cost - tried[0].fitted.cost < EQUAL]
     first = next((each for each in equals if _usual(each)), tried[0])
     needed = threshold(len(first.fitted.hypothesis.parameters) - len(now.hypothesis.parameters), chance, place.beside)
-    better = _like(now, first)
+    without, better = place.without_and_with(first)
     strengths = from_nothing(first.fitted, first.mechanism)
-    if max(strengths, default=0.0) < FAINT or now.cost - better.cost < CERTAIN * needed:
+    if max(strengths, default=0.0) < FAINT or without.cost - better.cost < CERTAIN * needed:
         place = place._replace(now=_without(thin, now, first, workers))
-    gain = place.now.cost - better.cost
+        without, better = place.without_and_with(first)
+    gain = without.cost - better.cost
     others = {each.mechanism: each.fitted for each in reversed(tried) if each.mechanism != first.mechanism}
     passed += [(name, place.now.cost - other.cost, "explains less") for name, other in others.items()]
     if gain <= needed:
         return None, [*passed, (first.mechanism, gain, "gains too little once fitted")], place.now
     if strengths and max(strengths) < NOTHING:
         return None, [*passed, (first.mechanism, gain, "is none once fitted")], place.now
-    if not _noticed(place, better):
+    if not _noticed(without, better):
         return None, [*passed, (first.mechanism, gain, "explains next to nothing of it")], place.now
     same = {name: other for name, other in others.items() if other.cost - first.fitted.cost < EQUAL}
     return Step(first.mechanism, gain, needed, first.loosely, first.fitted, same), passed, place.now
 
 
 def _with_its_like(tried: list[Tried], place: Place) -> list[Tried]:
-    """The same, the best first, with what passes for the best if that has not been tried, from where that one ended."""
+    """The same, the best first, with what passes for the best from where that one ended, if it has not come near it."""
     best = tried[0].fitted
     if tried[0].mechanism not in ALIKE or best.per_sample > CLOSE:
         return tried
     alike, strengths = ALIKE[tried[0].mechanism]
-    if any(each.mechanism == alike for each in tried):
+    had = [each for each in tried if each.mechanism == alike]
+    if tried[0].alike or any(each.alike or each.fitted.cost - best.cost < NEAR for each in had):
         return tried
     place.say(f"trying {alike} in place of {tried[0].mechanism}")
     named = zip(best.hypothesis.parameters, best.values, strict=True)
@@ -265,7 +274,7 @@ def _with_its_like(tried: list[Tried], place: Place) -> list[Tried]:
         other = _try(place.thin, alike, hypothesis, values, best.states, JOINED, place.workers)
     except (InputError, np.linalg.LinAlgError):
         return tried
-    return sorted([*tried, other], key=_order)
+    return sorted([*tried, other._replace(alike=True)], key=_order)
 
 
 def _to_their_ends(thin: list[Conditioned], tried: list[Tried], workers: Workers) -> list[Tried]:
@@ -325,7 +334,7 @@ def _promising(place: Place, rivals: Sequence[Rival], look: str) -> bool:
     """Whether a first look, where the windows join or with each on its own, explains most of what is left."""
     scores = [each.scores[look] for each in rivals if look in each.scores]
     gains = [each.gain for each in scores if not _wrong_way(each)]
-    return max(gains, default=0.0) > PROMISING * place.excess
+    return max(gains, default=0.0) > PROMISING * _excess(place.now)
 
 
 def _weak(fitted: Fit, constant: str) -> bool:
@@ -336,9 +345,14 @@ def _weak(fitted: Fit, constant: str) -> bool:
     return fitted.deviations[CONSTANTS.index(constant)] < -SEVERAL
 
 
-def _noticed(place: Place, better: Fit) -> bool:
-    """Whether a fit leaves nothing but noise, or explains a share worth having of what is left."""
-    return better.per_sample <= FLOOR or place.now.cost - better.cost > NOTICED * place.excess
+def _excess(fitted: Fit) -> float:
+    """Half the sum of squares that a fit leaves beyond the noise."""
+    return fitted.cost - fitted.cost / fitted.per_sample
+
+
+def _noticed(without: Fit, better: Fit) -> bool:
+    """Whether a fit leaves nothing but noise, or explains a share worth having of what is left without."""
+    return better.per_sample <= FLOOR or without.cost - better.cost > NOTICED * _excess(without)
 
 
 def _usual(tried: Tried) -> bool:
@@ -432,11 +446,8 @@ class Tried(NamedTuple):
     loosely: Fit
     """Without joints between the windows."""
     fitted: Fit
-
-
-def _like(now: Fit, tried: Tried) -> Fit:
-    """What a mechanism comes to, with windows that join or do not, as those of the fit without it."""
-    return tried.loosely if now.loose > 1.0 and tried.fitted.per_sample > CLOSE else tried.fitted
+    alike: bool = False
+    """Whether it began where another ended that passes for it."""
 
 
 def _order(tried: Tried) -> tuple[bool, float]:
@@ -462,15 +473,6 @@ def _try(
         InputError: the motion cannot be followed.
         LinAlgError: the data say nothing of it.
     """
-    late = {f"{mechanism} {symbol}" for symbol in FREED_LATE.get(mechanism, ())}
-    if late:
-        names = [each.name for each in hypothesis.parameters]
-        first, kept = holding(hypothesis, {name: values[names.index(name)] for name in late})
-        begin = joined if stages is JOINED else functools.partial(fit, stages=stages)
-        begun = begin(thin, first, workers, values[kept], states)
-        values = values.copy()
-        values[kept] = begun.values
-        states, stages = begun.states, stages if stages[-1].settle else NEARBY
     if stages is JOINED:
         free = joined(thin, hypothesis, workers, values, states)
         return Tried(mechanism, free, free)
@@ -568,5 +570,5 @@ def _scan_joined(mechanisms: Sequence[str], place: Place, enough: float = 0.0) -
 def _settled_cost(data: Conditioned, states: np.ndarray, physics: Physics) -> float:
     """Half the sum of squares with the state of each window at its best."""
     size = state_size(each.effect.name for each in physics.motion)
-    settled, made = settle_states(data, sized(states, size), physics, SCAN_ROUNDS)
+    settled, made = settle_states(data, sized(data, states, size), physics, SCAN_ROUNDS)
     return float(window_costs(data, settled, made).sum())

@@ -40,18 +40,16 @@ FINE, ROUGH = 16, 4
 SLOPE_FINE = 4
 """Points a kept sample for the differences that slopes are made of. They are 3 % off on all samples and up to 13 % on
 thinned ones, which costs a fit another round at most: what it comes to is where the exact residuals are left."""
-STATES, WITH_FACE = 4, 6
-"""Columns of a window's state: the spring's force, v1, v2 and w, and the place and speed of a rock's face that moves on
-its mount."""
-STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8, 2e-8, 1e-5])
-"""By how much the spring's force (N), v1, v2 (m/s), w (m), and the face's place (m) and speed (m/s) are moved to see
-how a window answers. The force is taken for y since it hardly changes with the stiffness."""
-JOINS = np.array([0, 1, 4, 5])
-"""Which of them join from window to window: those that single impacts hardly change."""
-JOIN = np.array([0.015, 2e-5, 1e-8, 1e-5])
-"""Standard deviations with which they do: what a structure might do beside the model without being noticed in one
-window."""
-GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4, 5e-4, 5e-1])
+STATES, FACE_STATES, AIR_STATES = [0, 1, 2, 3], [4, 5], [6]
+"""What a window's state may hold, in this order: the spring's force (taken for y since it hardly changes with the
+stiffness), v1, v2 and w; the place and speed of a rock's face that moves on its mount; the force that a cylinder with
+an air spring has lost."""
+STATE_STEPS = np.array([0.05, 1e-5, 1e-5, 2e-8, 2e-8, 1e-5, 0.05])
+"""By how much each (N, m/s, m/s, m, m, m/s, N) is moved to see how a window answers."""
+JOIN = np.array([0.015, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015])
+"""Standard deviations with which those join from window to window that single impacts hardly change: what a structure
+might do beside the model without being noticed in one window."""
+GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4, 5e-4, 5e-1, 200.0])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
 SETTLED = 0.1
@@ -72,8 +70,8 @@ class Physics(NamedTuple):
     sensors: tuple[Chosen, ...] = ()
     """Effects that misreport channels."""
     begun: tuple[tuple[str, float], ...] = ()
-    """(effect, its first extra state) as a recording of a running rig begins: impacts made on the face, force that the
-    cylinder has lost."""
+    """(effect, its first extra state) as a recording of a running rig begins: impacts made on the face; force that the
+    cylinder has lost, where the states do not say."""
 
 
 class Prediction(NamedTuple):
@@ -83,23 +81,41 @@ class Prediction(NamedTuple):
     acceleration: np.ndarray
     """(n,) in N, m/s^2; samples outside the windows are left out of everything."""
     ends: np.ndarray
-    """(windows, 4 or 6) the state in which each window ends."""
+    """(windows, 4 to 7) the state in which each window ends."""
+
+
+AIR = "air-spring"
+"""The effect by which a cylinder loses force."""
 
 
 def state_size(mechanisms: Iterable[str]) -> int:
     """Columns of the states of windows, where a rig has these effects."""
-    return WITH_FACE if any(REGISTRY[name].moves_face for name in mechanisms) else STATES
+    names = set(mechanisms)
+    faces = any(REGISTRY[name].moves_face for name in names)
+    return len(STATES) + len(FACE_STATES) * faces + len(AIR_STATES) * (AIR in names)
 
 
-def sized(states: np.ndarray, size: int) -> np.ndarray:
-    """(windows, size) the same states; a face of which nothing is known is at rest."""
-    kept = states[:, :size]
-    return np.hstack([kept, np.zeros((len(states), size - kept.shape[1]))])
+def held_in(states: np.ndarray) -> np.ndarray:
+    """What each column of states (windows, size) is, as a place in STATE_STEPS, JOIN and GUESS."""
+    beside = states.shape[1] - len(STATES)
+    # a face takes two columns, and an air spring one
+    return np.array(STATES + FACE_STATES * (beside >= 2) + AIR_STATES * (beside % 2))
+
+
+def sized(data: Conditioned, states: np.ndarray, size: int) -> np.ndarray:
+    """(windows, size) the same states.
+
+    A face of which nothing is known is at rest, and a cylinder has lost what the recording says on average.
+    """
+    whole = np.zeros((len(states), STATE_STEPS.size))
+    whole[:, AIR_STATES] = data.lost
+    whole[:, held_in(states)] = states
+    return whole[:, held_in(np.empty((0, size)))]
 
 
 def joints(states: np.ndarray) -> np.ndarray:
     """Which columns of states (windows, size) join from window to window."""
-    return JOINS[:2] if states.shape[1] == STATES else JOINS
+    return np.flatnonzero(np.isfinite(JOIN[held_in(states)]))
 
 
 def first_joint(data: Conditioned) -> int:
@@ -112,7 +128,7 @@ def first_joint(data: Conditioned) -> int:
 
 def first_guess(data: Conditioned, states: np.ndarray) -> np.ndarray:
     """(windows, size) what the measurements alone say of the states."""
-    return sized(data.states, states.shape[1])
+    return sized(data, data.states, states.shape[1])
 
 
 def split_effects(effects: Sequence[Chosen]) -> tuple[tuple[Chosen, ...], tuple[Chosen, ...]]:
@@ -128,7 +144,7 @@ class Motion(NamedTuple):
     force: np.ndarray
     acceleration: np.ndarray
     ends: np.ndarray
-    """(windows, 4 or 6) the state in which each window ends."""
+    """(windows, 4 to 7) the state in which each window ends."""
     extras: np.ndarray
     """(windows, own) extra states of the effects at the beginning of each window."""
 
@@ -136,7 +152,7 @@ class Motion(NamedTuple):
 def predict(
     data: Conditioned, states: np.ndarray, physics: Physics, rtol: float | None = None, fine: int | None = None
 ) -> Prediction:
-    """The model over all windows of a recording, each from its own state (windows, 4 or 6).
+    """The model over all windows of a recording, each from its own state (windows, 4 to 7).
 
     What effects remember beyond that goes on from window to window; at the beginning a rig that was running has long
     met its rock. ``rtol`` is RTOL or, on thinned samples, ROUGH_RTOL where it is left out, ``fine`` the sensors'
@@ -229,15 +245,17 @@ def _lead(data: Conditioned, physics: Physics) -> float:
 def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float, extras):
     """Force, acceleration, ends and extra states at the beginnings by the general engine."""
     setting, rate = data.setting, data.rate * fine
-    model, _order = model_for(physics.rig, setting, physics.rock, physics.motion)
+    model, order = model_for(physics.rig, setting, physics.rock, physics.motion)
     # nobody asks here how high the force of an impact was
     model = model._replace(omega=data.omega, rated=False)
     z = np.zeros(model.tally + 4 + len(physics.motion))
     if not data.fresh:
         z[OWN : model.tally] = extra_start(physics.motion, dict(physics.begun), setting.frequency)
-    # a face that has no place in the states goes on from window to window
-    columns = np.array([Y, V1, V2, W, U, *(row[FIRST] for row in model.effects if row[FACE])], dtype=np.int64)
-    columns = columns[: states.shape[1]]
+    # what has no place in the states goes on from window to window
+    faces = [U, *(row[FIRST] for row in model.effects if row[FACE])]
+    airs = [row[FIRST] for row, i in zip(model.effects, order, strict=True) if physics.motion[i].effect.name == AIR]
+    places = {**dict(zip(FACE_STATES, faces, strict=False)), **dict(zip(AIR_STATES, airs, strict=False))}
+    columns = np.array([(Y, V1, V2, W)[i] if i in STATES else places[i] for i in held_in(states)], dtype=np.int64)
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty(states.shape)
@@ -358,7 +376,7 @@ class Slopes(NamedTuple):
 def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction) -> Slopes:
     """The answers of a recording to the states of its windows, about which the model says ``base``."""
     fine = slope_fineness(data, physics.sensors)
-    size = states.shape[1]
+    size, steps = states.shape[1], STATE_STEPS[held_in(states)]
     channels, ends = np.empty((size, 2, data.force.size)), np.empty((size, *states.shape))
     after = np.zeros_like(channels) if fine > 1 else None
     remembers = _remembers(physics, states)
@@ -374,7 +392,7 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
     for j in range(size):
         moved = states.copy()
         # away from the rock, so that a window never begins inside it
-        step = -STATE_STEPS[j] if j == 3 else STATE_STEPS[j]
+        step = -steps[j] if j == 3 else steps[j]
         moved[:, j] += step
         motion = move(data, moved, physics, fine, extras=extras)
         ends[j] = (motion.ends - base.ends) / step
@@ -395,7 +413,14 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
 
 def _remembers(physics: Physics, states: np.ndarray) -> bool:
     """Whether anything goes on from window to window that the states do not hold."""
-    return any(each.effect.extras for each in physics.motion if states.shape[1] == STATES or not each.effect.moves_face)
+    inside = set(held_in(states))
+    return any(
+        each.effect.extras
+        for each in physics.motion
+        if not inside.issuperset(
+            FACE_STATES if each.effect.moves_face else AIR_STATES if each.effect.name == AIR else []
+        )
+    )
 
 
 def channel_change(data: Conditioned, moved: Prediction, base: Prediction, step: float) -> np.ndarray:
@@ -424,13 +449,13 @@ def quadratic(
         slopes: From :func:`state_slopes`.
         columns: (p, 2, n) how the scaled channels answer to the parameters.
         ends: (p, windows, size) how the windows' ends answer to them.
-        join: (4,) standard deviations of the joints.
+        join: (7,) standard deviations of the joints.
     """
     left = residual(data, base)
     channels, answers, after = slopes
     (windows, own_size), p = states.shape, len(columns)
-    size, width, goes_on = own_size * windows, GUESS[:own_size], joints(states)
-    join, reach, guess = join[: goes_on.size], 2 * own_size - 1, first_guess(data, states)
+    size, width, goes_on = own_size * windows, GUESS[held_in(states)], joints(states)
+    join, reach, guess = join[held_in(states)][goes_on], 2 * own_size - 1, first_guess(data, states)
     a = np.zeros((size, size))
     b = np.zeros((size, p))
     g = np.zeros(size)
@@ -495,7 +520,7 @@ def window_costs(data: Conditioned, states: np.ndarray, made: Prediction) -> np.
     squares = (residual(data, made) ** 2).sum(axis=0)
     sums = np.add.reduceat(squares, data.starts[:-1])
     # the last window ends before the recording does; what follows is 0
-    return 0.5 * (sums + (((first_guess(data, states) - states) / GUESS[: states.shape[1]]) ** 2).sum(axis=1))
+    return 0.5 * (sums + (((first_guess(data, states) - states) / GUESS[held_in(states)]) ** 2).sum(axis=1))
 
 
 def settle_states(
@@ -510,7 +535,7 @@ def settle_states(
     ``slopes`` are those of a place nearby, if they are known: they are used as long as they bring what they promise,
     and so are all others, since they cost four times as much as a step or more.
     """
-    now, damping, width = states.copy(), np.full(len(states), 1e-2), GUESS[: states.shape[1]]
+    now, damping, width = states.copy(), np.full(len(states), 1e-2), GUESS[held_in(states)]
     fine, remembers = fineness(data, physics.sensors), _remembers(physics, states)
     motion = move(data, now, physics, fine)
     made = sensed(data, motion, physics)

@@ -125,12 +125,16 @@ def holding(hypothesis: Hypothesis, fixed: Mapping[str, float]) -> tuple[Hypothe
 
 
 def from_nothing(fitted: Fit, mechanism: str) -> list[float]:
-    """By how many standard deviations a mechanism's strengths differ from nothing, those that grow from it."""
-    found = []
-    for each, value, width in zip(fitted.hypothesis.parameters, fitted.values, fitted.spread, strict=True):
-        if each.mechanism == mechanism and each.symbol in GROWING:
-            found.append(abs(float(value) - REGISTRY[mechanism].parameter(each.symbol).neutral) / float(width))
-    return found
+    """By how many standard deviations a mechanism's strengths differ from nothing, those that grow from it.
+
+    The rest of its parameters are held: near nothing they say little, and would make any strength uncertain.
+    """
+    parameters = fitted.hypothesis.parameters
+    own = np.array([each.mechanism == mechanism for each in parameters])
+    grows = own & np.array([" " in each.name and each.symbol in GROWING for each in parameters])
+    width = fitted.spread_beside(own & ~grows)
+    neutral = {i: REGISTRY[mechanism].parameter(parameters[i].symbol).neutral for i in np.flatnonzero(grows).tolist()}
+    return [abs(float(fitted.values[i]) - value) / float(width[i]) for i, value in neutral.items()]
 
 
 def leaving_out(hypothesis: Hypothesis, mechanism: str) -> tuple[Hypothesis, np.ndarray]:

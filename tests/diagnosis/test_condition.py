@@ -39,15 +39,31 @@ def blows(rng, frequency=73.0, lightly=0.0):
 def test_hum_and_zero_of_a_load_cell_are_read_in_flight(level, hum, mains):
     time, force, off = blows(np.random.default_rng(5))
     shown = level + hum * np.sin(2 * np.pi * mains * time + 1.0)
-    read = flight_reading(force + shown, NOISE, RATE, 2 * np.pi * 73.0)
+    read = flight_reading(force + shown, np.zeros_like(force), NOISE, RATE, 2 * np.pi * 73.0)
     assert np.abs(read - shown)[off].max() < 0.5 * NOISE
+
+
+@pytest.mark.parametrize("hum", [0.0, 20.0])
+@pytest.mark.parametrize("mass", [0.03, 0.25])
+def test_mass_that_a_load_cell_carries_is_read_in_flight(mass, hum):
+    """The drive shakes it with the indenter; on the rock the indenter is slowed down by what the cell reads."""
+    rng = np.random.default_rng(5)
+    time, force, off = blows(rng)
+    truly = 180.0 * np.sin(2 * np.pi * 73.0 * time + 0.7) + 40.0 * np.sin(2 * np.pi * 400.0 * time)
+    truly = truly - np.where(off, 0.0, force / 3.0)
+    shown = mass * truly + hum * np.sin(2 * np.pi * 49.97 * time + 1.0)
+    acceleration = truly + 2.0 * rng.standard_normal(time.size)
+    read = flight_reading(force + shown, acceleration, NOISE, RATE, 2 * np.pi * 73.0)
+    # what the cell carries is taken off the blows too
+    assert np.abs(read - shown)[off].max() < 0.5 * NOISE
+    assert np.abs(read - shown).max() < NOISE
 
 
 @pytest.mark.parametrize("frequency", [50.0, 60.0, 73.0, 100.0])
 def test_a_load_cell_that_does_not_hum_shows_nothing(frequency):
     for seed in range(10):
         _time, force, _off = blows(np.random.default_rng(seed), frequency)
-        assert not flight_reading(force, NOISE, RATE, 2 * np.pi * frequency).any()
+        assert not flight_reading(force, np.zeros_like(force), NOISE, RATE, 2 * np.pi * frequency).any()
 
 
 @pytest.mark.parametrize(("frequency", "periods"), [(60.6, 1), (99.2, 2)])
@@ -55,9 +71,9 @@ def test_light_presses_in_step_with_the_mains_are_no_hum(frequency, periods):
     """Presses in every period of a drive close to 60 Hz, and in every other one of a drive close to 100 Hz."""
     time, force, off = blows(np.random.default_rng(5), frequency)
     force += np.where(off, np.maximum(28.0 * np.sin(2 * np.pi * frequency / periods * time + 4.0), 0.0), 0.0)
-    assert not flight_reading(force, NOISE, RATE, 2 * np.pi * frequency).any()
+    assert not flight_reading(force, np.zeros_like(force), NOISE, RATE, 2 * np.pi * frequency).any()
     # a hum would be read into them otherwise
-    assert flight_reading(force, NOISE, RATE, 2 * np.pi * 73.0).any()
+    assert flight_reading(force, np.zeros_like(force), NOISE, RATE, 2 * np.pi * 73.0).any()
 
 
 def test_zero_of_an_accelerometer_is_its_mean_between_standstills():

@@ -1,14 +1,20 @@
 """What a search holds against what."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from drillenv.diagnosis.search import CLOSE, Tried, _like
+from drillenv.diagnosis.search import CLOSE, FLOOR, Place, Tried
 
 
-def _fit(per_sample, loose):
+def _fit(per_sample: float, loose: float) -> Any:
     return SimpleNamespace(per_sample=per_sample, loose=loose)
+
+
+def _place(now: Any, loosely: Any) -> Place:
+    nothing: Any = None
+    return Place([], now, loosely, now, nothing, nothing)
 
 
 @pytest.mark.parametrize(
@@ -21,4 +27,21 @@ def _fit(per_sample, loose):
 )
 def test_a_fit_is_held_against_one_whose_windows_join_as_little(loose_before, left, kept_loose):
     tried = Tried("mains-hum", _fit(1.05, 1e4), _fit(left, 1.0))
-    assert _like(_fit(3.0, loose_before), tried) is (tried.loosely if kept_loose else tried.fitted)
+    now = _fit(3.0, loose_before)
+    assert _place(now, now).without_and_with(tried) == (now, tried.loosely if kept_loose else tried.fitted)
+
+
+@pytest.mark.parametrize(
+    ("inside_before", "inside", "kept_loose"),
+    [
+        (1.15, 0.95, True),  # the joints speak of something else, which they bend one fit more for than the other
+        (1.15, 1.10, False),
+        (0.98, 0.95, False),
+    ],
+)
+def test_a_mechanism_that_leaves_nothing_inside_the_windows_is_judged_there(inside_before, inside, kept_loose):
+    assert 0.95 < FLOOR < 1.10
+    now, loosely = _fit(4.0, 1.0), _fit(inside_before, 1e4)
+    tried = Tried("drive-droop", _fit(inside, 1e4), _fit(8.0, 1.0))
+    found = _place(now, loosely).without_and_with(tried)
+    assert found == ((loosely, tried.loosely) if kept_loose else (now, tried.fitted))

@@ -8,13 +8,13 @@ from drillenv.diagnosis.fit import plain_cost
 from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.shooting import (
     JOIN,
-    WITH_FACE,
     Physics,
     predict,
     quadratic,
     settle_states,
     shortening,
     sized,
+    state_size,
     state_slopes,
     window_costs,
 )
@@ -59,7 +59,7 @@ def on_a_mount():
     play = rehearse(np.random.default_rng(4), 4, (MOUNT,), recordings=3, seconds=0.2)
     data = condition(play.campaign.recordings[0], play.rig).thinned(4)
     physics = Physics(play.rig, play.rock, (MOUNT,))
-    return data, physics, settle_states(data, sized(data.states, WITH_FACE), physics, 12)[0]
+    return data, physics, settle_states(data, sized(data, data.states, 6), physics, 12)[0]
 
 
 def test_windows_that_do_not_know_how_the_mount_was_swinging_come_to_leave_noise(on_a_mount):
@@ -77,7 +77,7 @@ def test_ends_and_slopes_of_a_moving_face(on_a_mount):
     base = predict(data, states, physics)
     slopes = state_slopes(data, states, physics, base)
     assert base.ends.shape == states.shape
-    assert slopes.ends.shape == (WITH_FACE, *states.shape)
+    assert slopes.ends.shape == (6, *states.shape)
     # the face's place and speed as a window ends are linear in those as it begins, as long as the rock is not touched
     step = np.array([0.0, 0.0, 0.0, 0.0, 1e-7, 3e-5])
     moved = predict(data, states + step, physics).ends - base.ends
@@ -111,3 +111,27 @@ def test_half_the_sum_of_squares_is_the_quadratic_of_six_states(on_a_mount):
     after = plain_cost(data, better, predict(data, better, physics), JOIN)
     assert before > 2.0 * part.value
     assert after == pytest.approx(part.value, rel=0.02)
+
+
+def test_what_a_cylinder_has_lost_is_a_state_of_each_window():
+    """It fades in the supply's time; what it does to the shaker in one window is next to nothing."""
+    tau = 0.2
+    air = make("air-spring", k_a=8e4, tau=tau)
+    play = rehearse(np.random.default_rng(4), 4, (air,), recordings=3, seconds=0.3)
+    data = condition(play.campaign.recordings[0], play.rig).thinned(4)
+    assert not data.fresh
+    physics = Physics(play.rig, play.rock, (air,))
+    size = state_size(["air-spring"])
+    assert state_size(["air-spring", "rock-mount-compliance"]) == state_size(["rock-mount-compliance"]) + 1
+    states = settle_states(data, sized(data, data.states, size), physics, 12)[0]
+    base = predict(data, states, physics)
+    slopes = state_slopes(data, states, physics, base)
+    lasts = np.diff(data.starts) / data.rate
+    assert np.abs(slopes.ends[4, :, 4] - np.exp(-lasts / tau)).max() < 0.03
+    # no window answers to what was lost in another
+    moved = states + np.array([0.0, 0.0, 0.0, 0.0, 5.0]) * (np.arange(len(states)) == 3)[:, None]
+    ends = predict(data, moved, physics).ends - base.ends
+    assert np.flatnonzero(np.abs(ends).max(axis=1)).tolist() == [3]
+    # the same windows without it, and with it as nothing is known of it
+    assert np.array_equal(sized(data, states, 4), states[:, :4])
+    assert (sized(data, states[:, :4], size)[:, 4] == data.lost).all()

@@ -5,9 +5,10 @@ import pytest
 
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.decide import nominal_hypothesis
+from drillenv.diagnosis.fit import Fit, Hypothesis, Parameter
 from drillenv.diagnosis.rehearsal import rehearse
-from drillenv.diagnosis.shooting import Physics, predict
-from drillenv.diagnosis.starts import carried, leaving_out, opened, placed_at
+from drillenv.diagnosis.shooting import Physics, Quadratic, predict
+from drillenv.diagnosis.starts import carried, from_nothing, leaving_out, opened, placed_at
 from drillenv.dynamics.effects import make
 from drillenv.rig import Rig
 
@@ -54,3 +55,20 @@ def test_a_mechanism_left_out_takes_its_unknowns_with_it():
     assert alone.mechanisms == ("contact-rate",)
     assert [each.name for each in alone.parameters] == [*(each.name for each in plain.parameters), "contact-rate chi"]
     assert np.array_equal(values[kept], [each.value for each in alone.parameters])
+
+
+def test_friction_that_is_a_damper_is_something_however_strong_it_may_be():
+    """Only fc1 / vs1 is known of it: fc1 might be anything, but vs1 held it is far from nothing."""
+    strengths = (("fc1", 400.0, 20.0), ("vs1", 8e-3, 1e-3))
+    own = tuple(Parameter(f"guide-friction {name}", value, width, 0.0) for name, value, width in strengths)
+    quotient = np.array([1.0, -1.0]) * 1e3
+    curvature = np.outer(quotient, quotient) + np.eye(2)
+    nothing = np.zeros(0)
+    part = Quadratic(0.0, np.zeros(2), curvature, 1000, nothing, nothing)
+    hypothesis = Hypothesis((), (("guide-friction", (), own),))
+    fitted = Fit(
+        hypothesis, np.array([400.0, 8e-3]), [], [], [part], [], [], [np.arange(2)], cost=500.0, rounds=1, loose=1.0
+    )  # fmt: skip
+    assert fitted.spread[0] == pytest.approx(20.0 / np.sqrt(2.0), rel=1e-3)
+    assert from_nothing(fitted, "guide-friction") == pytest.approx([20.0 * np.sqrt(1e6 + 1.0)], rel=1e-3)
+    assert from_nothing(fitted, "air-spring") == []
