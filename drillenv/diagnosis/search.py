@@ -35,7 +35,7 @@ BEHIND = 0.1
 """Share of what such a one explains by which another, its windows still on their own, is too far behind to be
 joined."""
 JOINED_BY_FORCE = (JOINED[0], JOINED[1]._replace(rounds=6))
-"""How windows are joined only for a look."""
+"""How windows are joined only for a look, or to see how near a rival comes."""
 LOOSE, SCANNING = (Stage(1e4, 4, 4),), (Stage(1e4, 6, 6),)
 """How a mechanism is fitted first, each window on its own: as a first look says, and from a scan."""
 SCAN_ON, SCAN_ROUNDS = 2, 3
@@ -271,7 +271,9 @@ def _with_its_like(tried: list[Tried], place: Place) -> list[Tried]:
     before = len(place.now.hypothesis.parameters)
     values[:before] = best.values[:before]
     try:
-        other = _try(place.thin, alike, hypothesis, values, best.states, JOINED, place.workers)
+        # one that comes near will be followed to its end
+        stages = JOINED if REGISTRY[alike].grips is not None else JOINED_BY_FORCE
+        other = _try(place.thin, alike, hypothesis, values, best.states, stages, place.workers)
     except (InputError, np.linalg.LinAlgError):
         return tried
     return sorted([*tried, other._replace(alike=True)], key=_order)
