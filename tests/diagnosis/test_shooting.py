@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drillenv.diagnosis.condition import condition
-from drillenv.diagnosis.fit import plain_cost
+from drillenv.diagnosis.fit import Hypothesis, Stage, Workers, _Search, fit, plain_cost
 from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.shooting import (
     JOIN,
@@ -18,6 +18,7 @@ from drillenv.diagnosis.shooting import (
     state_slopes,
     window_costs,
 )
+from drillenv.diagnosis.starts import placed_at
 from drillenv.dynamics.effects import make
 
 
@@ -135,3 +136,20 @@ def test_what_a_cylinder_has_lost_is_a_state_of_each_window():
     # the same windows without it, and with it as nothing is known of it
     assert np.array_equal(sized(data, states, 4), states[:, :4])
     assert (sized(data, states[:, :4], size)[:, 4] == data.lost).all()
+
+
+def test_states_give_way_where_air_is_stiffer_and_sooner_supplied(monkeypatch):
+    """k_a, tau and what was lost go into the model as products, and miss the joints as the first two are moved."""
+    air = make("air-spring", k_a=8e4, tau=0.2)
+    play = rehearse(np.random.default_rng(4), 4, (air,), recordings=3, seconds=0.3)
+    data = condition(play.campaign.recordings[0], play.rig).thinned(4)
+    plain, there = Hypothesis((), (), Physics(play.rig, play.rock)), {"k_a": 5e4, "tau": 0.4}
+    hypothesis, _values = placed_at(plain, "air-spring", there, [data])
+    workers, stages = Workers(), (Stage(1.0, 0, 5),)
+    try:
+        corrected = fit([data], hypothesis, workers, stages=stages)
+        monkeypatch.setattr(_Search, "_corrected", lambda _self, _point, placed, said, _stage: (placed, said))
+        cut_short = fit([data], hypothesis, workers, stages=stages)
+    finally:
+        workers.close()
+    assert corrected.per_sample < 1.0 < 1.3 < cut_short.per_sample
