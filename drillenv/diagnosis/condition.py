@@ -202,18 +202,20 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
         turned = 2 * math.pi * frequency * time
         beats = [abs(order * frequency - omega / (2 * math.pi)) * force.size / rate for order in (1, 2)]
         if min(beats) >= IN_STEP:
-            hums.append([np.sin(turned), np.cos(turned)])
+            hums.append((np.sin(turned), np.cos(turned)))
     best, found = 0.0, np.full(force.size, level)
-    # the simplest come first, and others have to say more than these
-    for group in (hums, [[acceleration]], [[*hum, acceleration] for hum in hums]):
-        beyond = best + HUM
-        for columns in group:
-            read = _read_off(force, np.column_stack([own, *columns]), level, noise)
-            if read is None or read.gain <= max(beyond, best):
+    # the simplest come first, others have to say more than these, and both at once more than either
+    for some_hum, some_mass in ((True, False), (False, True), (True, True)):
+        if some_hum and some_mass and best == 0.0:
+            break
+        needed = best + HUM
+        for hum in hums if some_hum else [()]:
+            columns = (own, acceleration, *hum) if some_mass else (own, *hum)
+            read = _read_off(force, np.column_stack(columns), level, noise)
+            if read is None or read.gain <= max(needed, best):
                 continue
-            hum = read.weights[1:3] if len(columns) > 1 else np.zeros(2)
-            carries = len(columns) != 2
-            if math.hypot(*hum) < STEEP * read.height and (not carries or 0.0 < read.weights[-1] < HEAVY):
+            mass = read.weights[1] if some_mass else 0.5 * HEAVY
+            if 0.0 < mass < HEAVY and math.hypot(*read.weights[1 + some_mass :]) < STEEP * read.height:
                 best, found = read.gain, read.said
     return found
 

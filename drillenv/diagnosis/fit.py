@@ -520,10 +520,10 @@ class _Search:
                 placed, said = self._stand(point, _behind(placed), stage, near=True)
                 gained = before - self._cost(point, placed, said, stage, heat)
                 if not stage.settle and share > 0.2 and gained < KEPT * share * (before - lowest):
-                    again, made = self._corrected(point, placed, said, stage)
-                    more = before - self._cost(point, again, made, stage, heat)
+                    other = self._corrected(point, placed, said, stage)
+                    more = before - self._cost(point, *other, stage, heat)
                     if more > gained:
-                        placed, said, gained = again, made, more
+                        (placed, said), gained = other, more
                 if gained > 0.0:
                     return (point, placed, said), float(gained / (before - lowest)) if share == 1.0 else 0.0
             except InputError:
@@ -538,12 +538,14 @@ class _Search:
 
         Those that act as a product are multiplied: a step along the valley of what their product is does not leave it.
         """
-        straight = self.at + step * self.widths
-        grown = self.at * np.exp(np.clip(step * self.widths / np.maximum(self.at, 1e-300), -LONGEST, LONGEST))
-        curved = self.scales & (self.at > 0.0)
-        point = np.clip(np.where(curved, grown, straight), self.low, self.high)
-        inside = curved & (point == grown)
-        return point, np.where(inside, step, (point - self.at) / self.widths)
+        curved = np.flatnonzero(self.scales & (self.at > 0.0))
+        at, width = self.at[curved], self.widths[curved]
+        point = self.at + step * self.widths
+        point[curved] = at * np.exp(np.clip(step[curved] * width / at, -LONGEST, LONGEST))
+        point = np.clip(point, self.low, self.high)
+        moved = (point - self.at) / self.widths
+        moved[curved] = np.log(point[curved] / at) * at / width
+        return point, moved
 
     def _corrected(
         self, point: np.ndarray, placed: Sequence[np.ndarray], said: Sequence[Prediction], stage: Stage
@@ -559,7 +561,10 @@ class _Search:
         ends = [np.zeros((0, *own.shape)) for own in placed]
         parts = each(quadratic, self.recordings, placed, said, self.slopes, nothing, ends, joins)
         moved = [own + part.moves.reshape(own.shape) for own, part in zip(placed, parts, strict=True)]
-        return self._stand(point, _behind(moved), stage)
+        try:
+            return self._stand(point, _behind(moved), stage)
+        except InputError:
+            return list(placed), list(said)
 
     def _rescue(self, stage: Stage, limit: float, few: bool = False) -> bool:
         """Windows that cost more than ``limit`` a sample, from their first guess too; whether that was better for any.

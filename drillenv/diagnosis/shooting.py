@@ -412,15 +412,15 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
 
 
 def _remembers(physics: Physics, states: np.ndarray) -> bool:
-    """Whether anything goes on from window to window that the states do not hold."""
-    inside = set(held_in(states))
-    return any(
-        each.effect.extras
-        for each in physics.motion
-        if not inside.issuperset(
-            FACE_STATES if each.effect.moves_face else AIR_STATES if each.effect.name == AIR else []
-        )
-    )
+    """Whether anything goes on from window to window that the states do not hold.
+
+    Which way a mass slides is no such thing: its speed says it.
+    """
+    inside, effects = set(held_in(states)), [each.effect for each in physics.motion]
+    unknown = [each for each in effects if each.extras and each.grips is None]
+    if inside.issuperset(FACE_STATES):
+        unknown = [each for each in unknown if not each.moves_face]
+    return any(each.name != AIR or not inside.issuperset(AIR_STATES) for each in unknown)
 
 
 def channel_change(data: Conditioned, moved: Prediction, base: Prediction, step: float) -> np.ndarray:
