@@ -38,7 +38,7 @@ from drillenv.diagnosis.search import (
 )
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual, window_costs
-from drillenv.diagnosis.starts import from_nothing, holding, leaving_out
+from drillenv.diagnosis.starts import from_nothing, holding, leaving_out, slight
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
@@ -320,7 +320,8 @@ def _without_the_faint(
     for step in list(steps):
         if len(steps) == 1:
             break
-        if max(from_nothing(now, step.mechanism), default=0.0) > FAINT:
+        faint = max(from_nothing(now, step.mechanism), default=0.0) < FAINT
+        if not (faint or slight(now, step.mechanism)):
             continue
         hypothesis, kept = leaving_out(now.hypothesis, step.mechanism)
         try:

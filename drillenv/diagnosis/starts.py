@@ -23,6 +23,8 @@ SQUARED = {"s"}
 """Symbols that act by their square."""
 GROWING = LINEAR | SQUARED | {"n", "h2", "h3", "o_e", "b_f", "b_a", "b_e"}
 """Symbols that say how strong an effect is, 0 (or 1, of an exponent) where it is not there."""
+SLIGHT = 0.25
+"""Share of the least usual strength below which a mechanism is slight."""
 
 
 def extended(now: Fit, score: Score, recordings: Sequence[Conditioned]) -> tuple[Hypothesis, np.ndarray]:
@@ -135,6 +137,17 @@ def from_nothing(fitted: Fit, mechanism: str) -> list[float]:
     width = fitted.spread_beside(own & ~grows)
     neutral = {i: REGISTRY[mechanism].parameter(parameters[i].symbol).neutral for i in np.flatnonzero(grows).tolist()}
     return [abs(float(fitted.values[i]) - value) / float(width[i]) for i, value in neutral.items()]
+
+
+def slight(fitted: Fit, mechanism: str) -> bool:
+    """Whether all strengths of a mechanism are far below what is usual, however sure they seem."""
+    found = []
+    for each, value in zip(fitted.hypothesis.parameters, fitted.values, strict=True):
+        if each.mechanism == mechanism and each.symbol in GROWING:
+            neutral = REGISTRY[mechanism].parameter(each.symbol).neutral
+            least = min(abs(limit - neutral) for limit in usual(mechanism, each.symbol))
+            found.append(abs(float(value) - neutral) < SLIGHT * least)
+    return all(found)
 
 
 def leaving_out(hypothesis: Hypothesis, mechanism: str) -> tuple[Hypothesis, np.ndarray]:

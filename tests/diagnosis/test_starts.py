@@ -8,7 +8,7 @@ from drillenv.diagnosis.decide import nominal_hypothesis
 from drillenv.diagnosis.fit import Fit, Hypothesis, Parameter
 from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.shooting import Physics, Quadratic, predict
-from drillenv.diagnosis.starts import carried, from_nothing, leaving_out, opened, placed_at
+from drillenv.diagnosis.starts import carried, from_nothing, leaving_out, opened, placed_at, slight
 from drillenv.dynamics.effects import make
 from drillenv.rig import Rig
 
@@ -72,3 +72,12 @@ def test_friction_that_is_a_damper_is_something_however_strong_it_may_be():
     assert fitted.spread[0] == pytest.approx(20.0 / np.sqrt(2.0), rel=1e-3)
     assert from_nothing(fitted, "guide-friction") == pytest.approx([20.0 * np.sqrt(1e6 + 1.0)], rel=1e-3)
     assert from_nothing(fitted, "air-spring") == []
+
+
+@pytest.mark.parametrize(("n", "is_slight"), [(1.009, True), (0.99, True), (1.05, False)])
+def test_a_strength_far_below_the_usual_is_slight(n, is_slight):
+    own = (Parameter("contact-power-law n", n, 0.3, 0.0),)
+    fitted = Fit(
+        Hypothesis((), (("contact-power-law", (), own),)), np.array([n]), [], [], [], [], [], [], 500.0, 1, loose=1.0
+    )  # fmt: skip
+    assert slight(fitted, "contact-power-law") is is_slight
