@@ -214,8 +214,9 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
             read = _read_off(force, np.column_stack(columns), level, noise)
             if read is None or read.gain <= max(needed, best):
                 continue
-            mass = read.weights[1] if some_mass else 0.5 * HEAVY
-            if 0.0 < mass < HEAVY and math.hypot(*read.weights[1 + some_mass :]) < STEEP * read.height:
+            if some_mass and not 0.0 < read.weights[1] < HEAVY:
+                continue
+            if math.hypot(*read.weights[1 + some_mass :]) < STEEP * read.height:
                 best, found = read.gain, read.said
     return found
 

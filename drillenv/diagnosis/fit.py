@@ -353,7 +353,7 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
 def plain_cost(data: Conditioned, states: np.ndarray, made: Prediction, join: np.ndarray) -> float:
     """Half the sum of squares of one recording at these states."""
     goes_on, k = joints(states), first_joint(data)
-    gaps = (made.ends[k:-1, goes_on] - states[k + 1 :, goes_on]) / join[held_in(states)][goes_on]
+    gaps = (made.ends[k:-1, goes_on] - states[k + 1 :, goes_on]) / join[held_in(states.shape[1])][goes_on]
     return float(window_costs(data, states, made).sum()) + 0.5 * float((gaps**2).sum())
 
 

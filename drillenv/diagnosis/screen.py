@@ -20,6 +20,7 @@ from drillenv.diagnosis.candidates import Variant, variants
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fit import Fit, Workers, scaled_change, sum_quadratics
 from drillenv.diagnosis.shooting import (
+    AIR,
     JOIN,
     Motion,
     Physics,
@@ -75,7 +76,7 @@ def screen(recordings: Sequence[Conditioned], fitted: Fit, workers: Workers, loo
                 for probe in variant.probes:
                     motion, sensors = split_effects((make(variant.mechanism, **dict(variant.held), **dict(probe)),))
                     with_it = physics._replace(motion=(*physics.motion, *motion), sensors=(*physics.sensors, *sensors))
-                    if motion and variant.mechanism == "air-spring" and not data.fresh:
+                    if motion and variant.mechanism == AIR and not data.fresh:
                         lost = _long_lost(data, states, with_it)
                         with_it = with_it._replace(begun=(*with_it.begun, (variant.mechanism, lost)))
                     if motion or drive_phase(data, with_it) != drive_phase(data, physics):

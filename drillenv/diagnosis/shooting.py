@@ -40,6 +40,8 @@ FINE, ROUGH = 16, 4
 SLOPE_FINE = 4
 """Points a kept sample for the differences that slopes are made of. They are 3 % off on all samples and up to 13 % on
 thinned ones, which costs a fit another round at most: what it comes to is where the exact residuals are left."""
+AIR = "air-spring"
+"""The effect by which a cylinder loses force."""
 STATES, FACE_STATES, AIR_STATES = [0, 1, 2, 3], [4, 5], [6]
 """What a window's state may hold, in this order: the spring's force (taken for y since it hardly changes with the
 stiffness), v1, v2 and w; the place and speed of a rock's face that moves on its mount; the force that a cylinder with
@@ -84,10 +86,6 @@ class Prediction(NamedTuple):
     """(windows, 4 to 7) the state in which each window ends."""
 
 
-AIR = "air-spring"
-"""The effect by which a cylinder loses force."""
-
-
 def state_size(mechanisms: Iterable[str]) -> int:
     """Columns of the states of windows, where a rig has these effects."""
     names = set(mechanisms)
@@ -95,9 +93,9 @@ def state_size(mechanisms: Iterable[str]) -> int:
     return len(STATES) + len(FACE_STATES) * faces + len(AIR_STATES) * (AIR in names)
 
 
-def held_in(states: np.ndarray) -> np.ndarray:
-    """What each column of states (windows, size) is, as a place in STATE_STEPS, JOIN and GUESS."""
-    beside = states.shape[1] - len(STATES)
+def held_in(size: int) -> np.ndarray:
+    """What each of so many columns of states is, as a place in STATE_STEPS, JOIN and GUESS."""
+    beside = size - len(STATES)
     # a face takes two columns, and an air spring one
     return np.array(STATES + FACE_STATES * (beside >= 2) + AIR_STATES * (beside % 2))
 
@@ -109,13 +107,13 @@ def sized(data: Conditioned, states: np.ndarray, size: int) -> np.ndarray:
     """
     whole = np.zeros((len(states), STATE_STEPS.size))
     whole[:, AIR_STATES] = data.lost
-    whole[:, held_in(states)] = states
-    return whole[:, held_in(np.empty((0, size)))]
+    whole[:, held_in(states.shape[1])] = states
+    return whole[:, held_in(size)]
 
 
 def joints(states: np.ndarray) -> np.ndarray:
     """Which columns of states (windows, size) join from window to window."""
-    return np.flatnonzero(np.isfinite(JOIN[held_in(states)]))
+    return np.flatnonzero(np.isfinite(JOIN[held_in(states.shape[1])]))
 
 
 def first_joint(data: Conditioned) -> int:
@@ -255,7 +253,9 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     faces = [U, *(row[FIRST] for row in model.effects if row[FACE])]
     airs = [row[FIRST] for row, i in zip(model.effects, order, strict=True) if physics.motion[i].effect.name == AIR]
     places = {**dict(zip(FACE_STATES, faces, strict=False)), **dict(zip(AIR_STATES, airs, strict=False))}
-    columns = np.array([(Y, V1, V2, W)[i] if i in STATES else places[i] for i in held_in(states)], dtype=np.int64)
+    columns = np.array(
+        [(Y, V1, V2, W)[i] if i in STATES else places[i] for i in held_in(states.shape[1])], dtype=np.int64
+    )
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.empty(states.shape)
@@ -376,7 +376,7 @@ class Slopes(NamedTuple):
 def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction) -> Slopes:
     """The answers of a recording to the states of its windows, about which the model says ``base``."""
     fine = slope_fineness(data, physics.sensors)
-    size, steps = states.shape[1], STATE_STEPS[held_in(states)]
+    size, steps = states.shape[1], STATE_STEPS[held_in(states.shape[1])]
     channels, ends = np.empty((size, 2, data.force.size)), np.empty((size, *states.shape))
     after = np.zeros_like(channels) if fine > 1 else None
     remembers = _remembers(physics, states)
@@ -416,7 +416,7 @@ def _remembers(physics: Physics, states: np.ndarray) -> bool:
 
     Which way a mass slides is no such thing: its speed says it.
     """
-    inside, effects = set(held_in(states)), [each.effect for each in physics.motion]
+    inside, effects = set(held_in(states.shape[1])), [each.effect for each in physics.motion]
     unknown = [each for each in effects if each.extras and each.grips is None]
     if inside.issuperset(FACE_STATES):
         unknown = [each for each in unknown if not each.moves_face]
@@ -454,8 +454,8 @@ def quadratic(
     left = residual(data, base)
     channels, answers, after = slopes
     (windows, own_size), p = states.shape, len(columns)
-    size, width, goes_on = own_size * windows, GUESS[held_in(states)], joints(states)
-    join, reach, guess = join[held_in(states)][goes_on], 2 * own_size - 1, first_guess(data, states)
+    size, width, goes_on = own_size * windows, GUESS[held_in(own_size)], joints(states)
+    join, reach, guess = join[held_in(own_size)][goes_on], 2 * own_size - 1, first_guess(data, states)
     a = np.zeros((size, size))
     b = np.zeros((size, p))
     g = np.zeros(size)
@@ -520,7 +520,7 @@ def window_costs(data: Conditioned, states: np.ndarray, made: Prediction) -> np.
     squares = (residual(data, made) ** 2).sum(axis=0)
     sums = np.add.reduceat(squares, data.starts[:-1])
     # the last window ends before the recording does; what follows is 0
-    return 0.5 * (sums + (((first_guess(data, states) - states) / GUESS[held_in(states)]) ** 2).sum(axis=1))
+    return 0.5 * (sums + (((first_guess(data, states) - states) / GUESS[held_in(states.shape[1])]) ** 2).sum(axis=1))
 
 
 def settle_states(
@@ -535,7 +535,7 @@ def settle_states(
     ``slopes`` are those of a place nearby, if they are known: they are used as long as they bring what they promise,
     and so are all others, since they cost four times as much as a step or more.
     """
-    now, damping, width = states.copy(), np.full(len(states), 1e-2), GUESS[held_in(states)]
+    now, damping, width = states.copy(), np.full(len(states), 1e-2), GUESS[held_in(states.shape[1])]
     fine, remembers = fineness(data, physics.sensors), _remembers(physics, states)
     motion = move(data, now, physics, fine)
     made = sensed(data, motion, physics)

@@ -131,23 +131,29 @@ def from_nothing(fitted: Fit, mechanism: str) -> list[float]:
 
     The rest of its parameters are held: near nothing they say little, and would make any strength uncertain.
     """
-    parameters = fitted.hypothesis.parameters
-    own = np.array([each.mechanism == mechanism for each in parameters])
-    grows = own & np.array([" " in each.name and each.symbol in GROWING for each in parameters])
-    width = fitted.spread_beside(own & ~grows)
-    neutral = {i: REGISTRY[mechanism].parameter(parameters[i].symbol).neutral for i in np.flatnonzero(grows).tolist()}
-    return [abs(float(fitted.values[i]) - value) / float(width[i]) for i, value in neutral.items()]
+    strengths = _strengths(fitted, mechanism)
+    shape = np.array([each.mechanism == mechanism for each in fitted.hypothesis.parameters])
+    shape[list(strengths)] = False
+    width = fitted.spread_beside(shape)
+    return [far / float(width[i]) for i, (_symbol, _neutral, far) in strengths.items()]
 
 
 def slight(fitted: Fit, mechanism: str) -> bool:
     """Whether all strengths of a mechanism are far below what is usual, however sure they seem."""
-    found = []
-    for each, value in zip(fitted.hypothesis.parameters, fitted.values, strict=True):
+    return all(
+        far < SLIGHT * min(abs(limit - neutral) for limit in usual(mechanism, symbol))
+        for symbol, neutral, far in _strengths(fitted, mechanism).values()
+    )
+
+
+def _strengths(fitted: Fit, mechanism: str) -> dict[int, tuple[str, float, float]]:
+    """Symbol, neutral value and distance from it of a mechanism's strengths, by their place among the parameters."""
+    found = {}
+    for i, each in enumerate(fitted.hypothesis.parameters):
         if each.mechanism == mechanism and each.symbol in GROWING:
             neutral = REGISTRY[mechanism].parameter(each.symbol).neutral
-            least = min(abs(limit - neutral) for limit in usual(mechanism, each.symbol))
-            found.append(abs(float(value) - neutral) < SLIGHT * least)
-    return all(found)
+            found[i] = each.symbol, neutral, abs(float(fitted.values[i]) - neutral)
+    return found
 
 
 def leaving_out(hypothesis: Hypothesis, mechanism: str) -> tuple[Hypothesis, np.ndarray]:
