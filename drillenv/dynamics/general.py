@@ -18,12 +18,14 @@ import numpy as np
 from drillenv.checks import InputError, number
 from drillenv.dynamics.effects import ON_INDENTER, ON_SHAKER, Chosen
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
-from drillenv.dynamics.general_calls import SHAPE, SWITCHED, TERM, address_of
+from drillenv.dynamics.general_calls import CORNER, SHAPE, SWITCHED, TERM, address_of
 from drillenv.dynamics.general_equations import (
     AT,
     BY_DRIVE,
     BY_EFFECTS,
     BY_STATIC,
+    COLUMNS,
+    CORNER_AT,
     FACE,
     FIRST,
     IN_DAMPER,
@@ -254,12 +256,13 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
     sizes = [force / rig.stiffness, speed, speed, depth, depth]
     sizes += [extra.size for chosen in ordered for extra in chosen.effect.extras]
 
-    table = np.zeros((len(ordered), 7), dtype=np.int64)
+    table = np.zeros((len(ordered), COLUMNS), dtype=np.int64)
     for row, chosen, own, p in zip(table, ordered, first[:-1], at[:-1], strict=True):
         effect = chosen.effect
         row[TERM_AT] = address_of(effect.term, TERM)
         row[SHAPE_AT] = address_of(effect.shape, SHAPE)
         row[SWITCHED_AT] = address_of(effect.switched, SWITCHED)
+        row[CORNER_AT] = address_of(effect.corner, CORNER)
         row[LAST], row[FIRST], row[AT], row[FACE] = effect.comes_last, own, p, effect.moves_face
     grip1, grip2 = (_gripping(ordered, mass) for mass in (ON_SHAKER, ON_INDENTER))
     model = Model(
@@ -277,6 +280,7 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
         np.array(sizes),
         int(first[-1]),
         any(chosen.effect.shape is not None for chosen in ordered),
+        any(chosen.effect.corner is not None for chosen in ordered),
         any(c.effect.term is not None and "contact" in c.effect.balances and not c.is_neutral for c in ordered),
         max(grip1, grip2) >= 0,
         grip1,

@@ -36,6 +36,7 @@ _NUMBERS = types.CPointer(types.float64)
 TERM = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
 SHAPE = types.float64(types.float64, types.int64, types.float64, _NUMBERS, _NUMBERS)
 SWITCHED = types.void(types.int64, types.int64, _NUMBERS, _NUMBERS)
+CORNER = types.float64(MOMENT, types.float64, types.float64, _NUMBERS)
 
 
 @functools.cache
@@ -110,6 +111,17 @@ def _call_switched(typingctx, address, before, after, state, first, parameters, 
     return types.void(address, types.int64, types.int64, state, first, parameters, at), codegen
 
 
+def _call_corner(typingctx, address, now, a1, a2, parameters, at):
+    """Call ``corner(now, a1, a2, parameters[at:])``."""
+
+    def codegen(context, builder, signature, values):
+        address, now, a1, a2, parameters, at = values
+        p = _place(context, builder, signature.args[4], parameters, at)
+        return _call(context, builder, CORNER, address, [now, a1, a2, p])
+
+    return types.float64(address, MOMENT, types.float64, types.float64, parameters, at), codegen
+
+
 def _apart(typingctx):
     """Keep the function that calls this from being inlined; what calls it then compiles in a fraction of the time."""
 
@@ -124,4 +136,5 @@ def _apart(typingctx):
 call_term: Callable[..., Any] = intrinsic(_call_term)  # pyright: ignore[reportAssignmentType]
 call_shape: Callable[..., Any] = intrinsic(_call_shape)  # pyright: ignore[reportAssignmentType]
 call_switched: Callable[..., Any] = intrinsic(_call_switched)  # pyright: ignore[reportAssignmentType]
+call_corner: Callable[..., Any] = intrinsic(_call_corner)  # pyright: ignore[reportAssignmentType]
 apart: Callable[..., Any] = intrinsic(_apart)  # pyright: ignore[reportAssignmentType]

@@ -26,7 +26,7 @@ from numba import njit
 
 from drillenv.dynamics.effects import ON_INDENTER, ON_ROCK, ON_SHAKER, Moment
 from drillenv.dynamics.flow import FREE, LOADING
-from drillenv.dynamics.general_calls import INLINED, INNER, apart, call_shape, call_term
+from drillenv.dynamics.general_calls import INLINED, INNER, apart, call_corner, call_shape, call_term
 
 # Where things stand in a state.
 Y, V1, V2, W, U, OWN = range(6)
@@ -34,9 +34,10 @@ Y, V1, V2, W, U, OWN = range(6)
 BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
 """Energies, counted from ``Model.tally``."""
 
-# Columns of the table of effects: addresses of its three functions (0 for none), 1 where its term needs the whole force
+# Columns of the table of effects: addresses of its four functions (0 for none), 1 where its term needs the whole force
 # of the rock, the indices of its first extra state and first parameter, 1 where the former is the speed of the face.
-TERM_AT, SHAPE_AT, SWITCHED_AT, LAST, FIRST, AT, FACE = range(7)
+TERM_AT, SHAPE_AT, SWITCHED_AT, CORNER_AT, LAST, FIRST, AT, FACE = range(8)
+COLUMNS = 8
 
 
 class Model(NamedTuple):
@@ -54,7 +55,7 @@ class Model(NamedTuple):
     static: float
     """F_b in N."""
     effects: np.ndarray
-    """(effects, 7), see the columns above; those that need the whole force of the rock stand at the end."""
+    """(effects, COLUMNS), see the columns above; those that need the whole force of the rock stand at the end."""
     parameters: np.ndarray
     sizes: np.ndarray
     """(dynamic states,) absolute tolerance over relative tolerance."""
@@ -62,6 +63,8 @@ class Model(NamedTuple):
     """Index of the first energy in the state."""
     bent: bool
     """Whether an effect bends the rock law."""
+    cornered: bool
+    """Whether an effect says where its force has a corner."""
     rated: bool
     """Whether the force of the rock may peak before the turn."""
     gripped: bool
@@ -134,6 +137,31 @@ def face_speed(model: Model, z: np.ndarray) -> float:
     return speed
 
 
+@njit(**INLINED)
+def moment(model: Model, time: float, theta: float, regime: int, z: np.ndarray, closing: float, into: float, rock):
+    """The rig as the functions of effects see it."""
+    return Moment(
+        time, theta, model.omega, z[Y], closing, z[V1], z[V2], z[W], into, z[U], rock, regime, model.drive,
+        model.static, model.m1, model.m2, model.k, model.c, model.kl, model.ku,
+    )  # fmt: skip
+
+
+@njit(**INNER)
+def next_corner(
+    model: Model, time: float, theta: float, regime: int, z: np.ndarray, dz: np.ndarray, rock: float
+) -> float:
+    """Seconds that a step may take at most, for effects whose forces have corners; ``dz`` is the slope of ``z``."""
+    apart()
+    ahead, table = math.inf, model.effects
+    into = z[V2] - face_speed(model, z)
+    for i in range(table.shape[0]):
+        if table[i, CORNER_AT] != 0:
+            now = moment(model, time, theta, regime, z, z[V1] - z[V2], into, rock)
+            seconds = call_corner(table[i, CORNER_AT], now, dz[V1], dz[V2], model.parameters, table[i, AT])
+            ahead = min(ahead, seconds)
+    return ahead
+
+
 @njit(**INNER)
 def slope(model: Model, time: float, theta: float, regime: int, z: np.ndarray, dz: np.ndarray, push: np.ndarray):
     """As :func:`inlined_slope`, for what does not call it all the time."""
@@ -150,11 +178,11 @@ def inlined_slope(
     Where friction grips, the forces on both masses without it, which it must hold where they stick, are left behind
     what the effects add to the rock in ``push``.
     """
-    y, v1, v2, w = z[Y], z[V1], z[V2], z[W]
+    v1, v2, w = z[V1], z[V2], z[W]
     face = face_speed(model, z)
     closing, into = v1 - v2, v2 - face
     drive = model.drive * math.sin(theta)
-    spring, damper = model.k * y, model.c * closing
+    spring, damper = model.k * z[Y], model.c * closing
     law = law_force(model, regime, w, z)
     on_shaker, on_indenter, on_rock = 0.0, 0.0, 0.0
     rock, tally = law, model.tally
@@ -166,10 +194,7 @@ def inlined_slope(
             settled = True
         push[0], push[1], push[2] = 0.0, 0.0, 0.0
         if table[i, TERM_AT] != 0:
-            now = Moment(
-                time, theta, model.omega, y, closing, v1, v2, w, into, z[U], rock, regime, model.drive, model.static,
-                model.m1, model.m2, model.k, model.c, model.kl, model.ku,
-            )  # fmt: skip
+            now = moment(model, time, theta, regime, z, closing, into, rock)
             first, at = table[i, FIRST], table[i, AT]
             call_term(table[i, TERM_AT], now, z, dz, first, model.parameters, at, push)
         if regime == FREE:

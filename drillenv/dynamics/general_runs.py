@@ -22,6 +22,7 @@ from drillenv.dynamics.general_equations import (
     face_speed,
     law_depth,
     law_force,
+    next_corner,
     slope,
     sticks,
 )
@@ -141,6 +142,8 @@ def integrate(
             h = min(trust[regime], left)
             if model.gripped and (sticks(model, ON_SHAKER, z) or sticks(model, ON_INDENTER, z)):
                 h = min(h, SHORT * model.longest)
+            if model.cornered:
+                h = min(h, next_corner(model, time, theta, regime, z, scratch[START_SLOPE], rock))
             copy(scratch[START_SLOPE], scratch[0])
             step(model, time, theta, regime, z, h, scratch)
             tried += 1

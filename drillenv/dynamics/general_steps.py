@@ -222,6 +222,7 @@ def borrow_model(model: Model) -> Model:
         borrowed(model.sizes),
         model.tally,
         model.bent,
+        model.cornered,
         model.rated,
         model.gripped,
         model.grip1,

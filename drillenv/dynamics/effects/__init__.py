@@ -1,7 +1,7 @@
 """Physics the paper leaves out: one file an effect, found by walking this package.
 
 To add an effect, write one new module here that sets ``EFFECT``; nothing else changes. The module says everything about
-the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is one to three plain
+the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is one to four plain
 functions that the general engine compiles:
 
 ``term(now, own, p, push, rates)``
@@ -18,10 +18,16 @@ functions that the general engine compiles:
     Called at each change of regime; may change the effect's extra states. What a shape reads may change only where a
     contact begins or ends, or the force would jump.
 
+``corner(now, a1, a2, p) -> seconds``
+    How long a step may be, for the sake of a corner in a force of the effect: until the next one, as far as the
+    accelerations ``a1`` and ``a2`` (m/s^2) tell, and, where it is rounded, short enough to go through it; infinity
+    where there is none ahead. It only saves time.
+
 These are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With
-every parameter at its neutral value an effect must change nothing, to the last bit. A corner in a force is found by the
-control of the step's error; a jump is not, and must not hide in a ``term``. The one jump that the engine follows is dry
-friction: an effect that ``grips`` a mass states its limit, as its first parameter, and the engine does the rest.
+every parameter at its neutral value an effect must change nothing, to the last bit. A corner in a force that nobody
+told of is found by the control of the step's error; a jump is not, and must not hide in a ``term``. The one jump that
+the engine follows is dry friction: an effect that ``grips`` a mass states its limit, as its first parameter, and the
+engine does the rest.
 
 Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
 what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig.
@@ -159,6 +165,7 @@ class Effect:
     term: Callable | None = None
     shape: Callable | None = None
     switched: Callable | None = None
+    corner: Callable | None = None
     comes_last: bool = False
     """Its term needs the whole force of the rock, so it is called after the others."""
     moves_face: bool = False

@@ -1,5 +1,7 @@
 """Play in the coupling before its spring acts."""
 
+import math
+
 import numpy as np
 
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
@@ -10,6 +12,24 @@ def _term(now, own, p, push, rates):
     force = -now.k * min(max(beyond - p[1], 0.0), p[0])
     push[ON_SHAKER] -= force
     push[ON_INDENTER] += force
+
+
+def _corner(now, a1, a2, p):
+    if p[0] == 0.0:
+        return math.inf
+    first, change = math.inf, a1 - a2
+    for corner in (p[1], p[1] + p[0]):
+        off = now.y - now.static / now.k - corner
+        # a nanometre beside it is on it
+        root = now.closing**2 - 2.0 * change * off
+        if abs(off) < 1e-9 or root < 0.0:
+            continue
+        mean = now.closing + math.copysign(math.sqrt(root), now.closing)
+        if mean != 0.0 and off / mean < 0.0:
+            first = min(first, -2.0 * off / mean)
+        if change != 0.0 and mean / change < 0.0:
+            first = min(first, -mean / change)
+    return first
 
 
 def _on_body(position, velocity, applied, stiffness, p):
@@ -34,5 +54,6 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="stores",
     term=_term,
+    corner=_corner,
     on_body=_on_body,
 )

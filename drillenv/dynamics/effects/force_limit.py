@@ -12,6 +12,16 @@ def _term(now, own, p, push, rates):
     push[ON_INDENTER] += min(max(force, -p[0]), p[0]) - force
 
 
+def _corner(now, a1, a2, p):
+    if p[0] >= now.drive:
+        return math.inf
+    # four a turn; one just reached is behind
+    rise, ahead = math.asin(p[0] / now.drive), now.theta + 1e-9
+    into = ahead - math.pi * math.floor(ahead / math.pi)
+    to = rise if into < rise else math.pi - rise if into < math.pi - rise else math.pi + rise
+    return (to - into + 1e-9) / now.omega
+
+
 def _on_body(position, velocity, applied, stiffness, p):
     return np.clip(applied, -p[0], p[0]) - applied
 
@@ -26,5 +36,6 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="moves",
     term=_term,
+    corner=_corner,
     on_body=_on_body,
 )

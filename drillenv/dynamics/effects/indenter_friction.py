@@ -11,6 +11,14 @@ def _term(now, own, p, push, rates):
         push[ON_INDENTER] -= p[0] * math.tanh(now.v2 / p[1])
 
 
+def _corner(now, a1, a2, p):
+    # all of the turn lies within three transition speeds, and steps of two of them go through it
+    speed, change = abs(now.v2), abs(a2)
+    if p[1] == 0.0 or change == 0.0 or (speed > 3.0 * p[1] and now.v2 * a2 > 0.0):
+        return math.inf
+    return max(speed - 3.0 * p[1], 2.0 * p[1]) / change
+
+
 EFFECT = Effect(
     name="indenter-friction",
     sentence="Dry friction holds the indenter back, and fast while the other forces are weak.",
@@ -33,5 +41,6 @@ EFFECT = Effect(
     energy="loses",
     extras=(Extra("slide2", "way the indenter slides: 1, -1, or 0 while it sticks", "1", 1.0),),
     term=_term,
+    corner=_corner,
     grips=ON_INDENTER,
 )
