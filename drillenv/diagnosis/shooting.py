@@ -54,8 +54,9 @@ might do beside the model without being noticed in one window."""
 GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4, 5e-4, 5e-1, 200.0])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
-SETTLED = 0.1
-"""Half a sum of squares for each window that a round must gain for another one to follow."""
+SETTLED, IDLE = 0.1, 0.03
+"""Half a sum of squares for each window that a round must gain for another one to follow, and that a window must have
+to gain for being moved."""
 KEPT = 0.7
 """Share of the gain they promised from which slopes are used once more."""
 SLOPES_COST = 0.8
@@ -124,6 +125,12 @@ def first_joint(data: Conditioned) -> int:
     return 0 if data.fresh else 1
 
 
+def judged_part(data: Conditioned, window: int) -> slice:
+    """The samples of a window that are held against the model: none, of the first one of a running rig."""
+    first = max(int(data.starts[window]), data.judged.start)
+    return slice(first, max(first, min(int(data.starts[window + 1]), data.judged.stop)))
+
+
 def first_guess(data: Conditioned, states: np.ndarray) -> np.ndarray:
     """(windows, size) what the measurements alone say of the states."""
     return sized(data, data.states, states.shape[1])
@@ -186,10 +193,12 @@ def move(
     fine: int,
     rtol: float | None = None,
     extras: np.ndarray | None = None,
+    only: np.ndarray | None = None,
 ) -> Motion:
     """The motion that :func:`predict` hands to the sensors.
 
     ``extras`` gives each window its own extra states to begin with, instead of those that the one before ended with.
+    ``only`` (windows,) says which windows are asked for, where they have nothing to do with each other.
 
     Raises:
         InputError: the motion could not be followed.
@@ -206,7 +215,7 @@ def move(
     begun = np.zeros((len(states), 0))
     if physics.motion:
         rtol = rtol or (RTOL if data.thin == 1 else ROUGH_RTOL)
-        force, acceleration, ends, begun = _with_effects(data, states, physics, fine, rtol, extras)
+        force, acceleration, ends, begun = _with_effects(data, states, physics, fine, rtol, extras, only)
     else:
         force, acceleration, ends = _plain(data, states, physics, fine)
     ends[:, 0] = k * ends[:, 0] + k3 * ends[:, 0] ** 3
@@ -240,7 +249,7 @@ def _lead(data: Conditioned, physics: Physics) -> float:
     return lead if data.fresh and 0.0 < lead * data.rate * data.thin < MOST_LEAD else 0.0
 
 
-def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float, extras):
+def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine: int, rtol: float, extras, only):
     """Force, acceleration, ends and extra states at the beginnings by the general engine."""
     setting, rate = data.setting, data.rate * fine
     model, order = model_for(physics.rig, setting, physics.rock, physics.motion)
@@ -258,11 +267,13 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     )
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
-    ends = np.empty(states.shape)
+    ends = np.zeros(states.shape)
     begun = np.empty((len(states), model.tally - OWN))
     starts, phase, lead = data.starts * fine, drive_phase(data, physics), _lead(data, physics)
     nothing = np.zeros((0, MEASURED_COLUMNS))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
+        if only is not None and not only[k]:
+            continue
         if extras is not None:
             z[OWN : model.tally] = extras[k]
         z[columns] = states[k]
@@ -373,8 +384,13 @@ class Slopes(NamedTuple):
     """(size, 2, n) change of the scaled channels inside the window that follows; None where no sensor remembers."""
 
 
-def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction) -> Slopes:
-    """The answers of a recording to the states of its windows, about which the model says ``base``."""
+def state_slopes(
+    data: Conditioned, states: np.ndarray, physics: Physics, base: Prediction, only: np.ndarray | None = None
+) -> Slopes:
+    """The answers of a recording to the states of its windows, about which the model says ``base``.
+
+    ``only`` is as in :func:`move`; those of other windows mean nothing.
+    """
     fine = slope_fineness(data, physics.sensors)
     size, steps = states.shape[1], STATE_STEPS[held_in(states.shape[1])]
     channels, ends = np.empty((size, 2, data.force.size)), np.empty((size, *states.shape))
@@ -394,14 +410,14 @@ def state_slopes(data: Conditioned, states: np.ndarray, physics: Physics, base: 
         # away from the rock, so that a window never begins inside it
         step = -steps[j] if j == 3 else steps[j]
         moved[:, j] += step
-        motion = move(data, moved, physics, fine, extras=extras)
+        motion = move(data, moved, physics, fine, extras=extras, only=only)
         ends[j] = (motion.ends - base.ends) / step
         if still is None or after is None:
             channels[j] = channel_change(data, sensed(data, motion, physics), base, step)
             continue
         # a sensor that remembers carries a window over into the next: every other one is moved at a time
         for turn in range(2):
-            mixed = _mixed(data, turns == turn, motion, still)
+            mixed = _mixed(data, (turns == turn) if only is None else (turns == turn) & only, motion, still)
             change = channel_change(data, sensed(data, mixed, physics), base, step)
             own = inside == turn
             channels[j][:, own], after[j][:, ~own] = change[:, own], change[:, ~own]
@@ -460,7 +476,7 @@ def quadratic(
     b = np.zeros((size, p))
     g = np.zeros(size)
     for k in range(windows):
-        piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
+        piece = judged_part(data, k)
         own = channels[:, :, piece].reshape(own_size, -1)
         at = slice(own_size * k, own_size * (k + 1))
         a[at, at] += own @ own.T
@@ -477,9 +493,10 @@ def quadratic(
                 b[before] += late @ columns[:, :, piece].reshape(p, -1).T
         a[at, at] += np.diag(width**-2.0)
         g[at] += (guess[k] - states[k]) * width**-2.0
-    flat = columns.reshape(p, left.size)
-    gradient, curvature = flat @ left.reshape(-1), flat @ flat.T
-    value = 0.5 * float(left.reshape(-1) @ left.reshape(-1))
+    inside = left[:, data.judged].reshape(-1)
+    flat = columns[:, :, data.judged].reshape(p, inside.size)
+    gradient, curvature = flat @ inside, flat @ flat.T
+    value = 0.5 * float(inside @ inside)
     for k in range(first_joint(data), windows - 1):
         # end of window k less beginning of window k + 1, over the width of the joint
         gap = (base.ends[k, goes_on] - states[k + 1, goes_on]) / join
@@ -540,37 +557,55 @@ def settle_states(
     motion = move(data, now, physics, fine)
     made = sensed(data, motion, physics)
     costs, guess = window_costs(data, now, made), first_guess(data, now)
-    channels, left_over, little = None if slopes is None else slopes.channels, float(rounds), SETTLED * len(now)
+    channels = np.empty((width.size, 2, data.force.size)) if slopes is None else slopes.channels.copy()
+    left_over, little, fresh = float(rounds), SETTLED * len(now), slopes is None
+    everywhere = np.ones(len(now), dtype=bool)
+    # which windows have slopes of another place, and what each may still gain, as its own slopes have said
+    stale, open_gain = everywhere.copy(), np.full(len(now), np.inf)
     while left_over > 0.0:
-        fresh = channels is None
         left_over -= 1.0 if fresh else 1.0 - SLOPES_COST
-        if channels is None:
-            channels = state_slopes(data, now, physics, made).channels
-        left = residual(data, made)
-        trial, hoped = now.copy(), 0.0
-        for k in range(len(now)):
-            piece = slice(int(data.starts[k]), int(data.starts[k + 1]))
+        at_work = everywhere if remembers else open_gain > IDLE
+        if fresh:
+            wanted = at_work & stale
+            anew = state_slopes(data, now, physics, made, None if remembers else wanted).channels
+            own = _samples_of(data, wanted)
+            channels[:, :, own] = anew[:, :, own]
+            stale &= ~wanted
+        left, trial, hoped = residual(data, made), now.copy(), np.zeros(len(now))
+        for k in np.flatnonzero(at_work).tolist():
+            piece = judged_part(data, k)
             own = channels[:, :, piece].reshape(width.size, -1)
             a = own @ own.T + np.diag(width**-2.0)
             g = own @ left[:, piece].reshape(-1) + (guess[k] - now[k]) * width**-2.0
             step = np.linalg.solve(a + damping[k] * np.diag(np.diag(a)), g)
             trial[k] += step
-            hoped += float(g @ step - 0.5 * step @ a @ step)
+            hoped[k] = g @ step - 0.5 * step @ a @ step
         trial[:, 3] = np.minimum(trial[:, 3], 0.0)
-        tried = move(data, trial, physics, fine)
+        going = at_work if remembers else hoped > IDLE
+        tried = _mixed(data, going, move(data, trial, physics, fine, only=None if remembers else going), motion)
         trial_costs = window_costs(data, trial, sensed(data, tried, physics))
-        better = trial_costs < costs
-        gained = float((costs - trial_costs)[better].sum())
+        better = going & (trial_costs < costs)
+        gains = np.where(better, costs - trial_costs, 0.0)
+        gained = float(gains.sum())
         now[better] = trial[better]
-        damping = np.where(better, damping / 5.0, damping * 8.0)
+        damping = np.where(better, damping / 5.0, np.where(going, damping * 8.0, damping))
+        # a step that brought much has changed the slopes, even where it brought what they promised
+        open_gain = np.where(at_work & ~stale, np.abs(hoped - gains) + 0.1 * gains, open_gain)
+        stale |= everywhere if remembers else better
         motion = move(data, now, physics, fine) if remembers else _mixed(data, better, tried, motion)
         made = sensed(data, motion, physics)
         costs = window_costs(data, now, made)
-        if gained < little and (fresh or hoped < little):
+        if gained < little and (fresh or hoped.sum() < little):
             break
-        if gained < KEPT * hoped:
-            channels = None
+        fresh = gained < KEPT * hoped.sum()
     return now, made
+
+
+def _samples_of(data: Conditioned, windows: np.ndarray) -> np.ndarray:
+    """(n,) whether a sample lies in one of these windows."""
+    inside = np.zeros(data.force.size, dtype=bool)
+    inside[data.starts[0] : data.starts[-1]] = np.repeat(windows, np.diff(data.starts))
+    return inside
 
 
 def _mixed(data: Conditioned, where: np.ndarray, one: Motion, other: Motion) -> Motion:

@@ -51,6 +51,24 @@ def test_slopes_of_a_place_nearby_lead_to_the_same_states(effects):
     np.testing.assert_allclose(ends[1], ends[0], atol=0.01 * np.diff(data.starts).min())
 
 
+def test_what_is_not_judged_says_nothing_of_a_parameter():
+    """A model is not held to what it said of the first window of a running rig, where nothing is compared with it."""
+    play = rehearse(np.random.default_rng(3), 4, (), recordings=3, seconds=0.2)
+    data = next(each for each in (condition(one, play.rig) for one in play.campaign.recordings) if not each.fresh)
+    physics = Physics(play.rig, play.rock)
+    base = predict(data, data.states, physics)
+    slopes = state_slopes(data, data.states, physics, base)
+    columns = np.random.default_rng(1).standard_normal((2, 2, data.force.size))
+    ends = np.zeros((2, *data.states.shape))
+    one = quadratic(data, data.states, base, slopes, columns, ends)
+    assert data.judged.start >= data.starts[1]
+    columns[:, :, : data.judged.start] *= 1e3
+    columns[:, :, data.judged.stop :] = 7.0
+    other = quadratic(data, data.states, base, slopes, columns, ends)
+    np.testing.assert_array_equal(one.curvature, other.curvature)
+    np.testing.assert_array_equal(one.gradient, other.gradient)
+
+
 MOUNT = make("rock-mount-compliance", s_r=3e-8, m_r=30.0, zeta_r=0.05)
 
 
