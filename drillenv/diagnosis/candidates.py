@@ -43,9 +43,9 @@ _VARIANTS: dict[str, tuple[tuple[dict[str, float], tuple[dict[str, float], ...]]
     ),
     "rock-compaction": tuple(({"soft_n": n}, ({"soft": 0.1},)) for n in (4.0, 15.0, 50.0)),
     "rock-mount-compliance": tuple(({"m_r": m, "zeta_r": 0.05}, ({"s_r": 4e-9},)) for m in (10.0, 40.0, 100.0)),
-    "stiffness-hardening": (({}, ({"k3": 5e8},)),),
-    "damping-quadratic": (({}, ({"c2": 100.0},)),),
-    "indenter-friction": tuple(({"vs2": speed}, ({"fc2": 5.0},)) for speed in (1e-3, 1e-2, 1e-1)),
+    "stiffness-hardening": (({}, ({"k3": 1e8},)),),
+    "damping-quadratic": (({}, ({"c2": 20.0},)),),
+    "indenter-friction": tuple(({"vs2": speed}, ({"fc2": 1.0},)) for speed in (1e-3, 1e-2, 1e-1)),
     "guide-friction": tuple(({"vs1": speed}, ({"fc1": 5.0},)) for speed in (5e-4, 2e-3, 8e-3)),
     "drive-harmonics": (
         (

@@ -16,17 +16,21 @@ from drillenv.diagnosis.shooting import (
     JOIN,
     KEPT,
     STATE_STEPS,
+    Motion,
     Physics,
     Prediction,
     Quadratic,
     Slopes,
     channel_change,
+    drive_phase,
     first_guess,
     first_joint,
     held_in,
     joints,
+    move,
     predict,
     quadratic,
+    sensed,
     settle_states,
     sized,
     slope_fineness,
@@ -336,6 +340,7 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
     fine = slope_fineness(data, here.sensors)
     if fine > 1:
         base = predict(data, states, here, fine=fine)
+    still: Motion | None = None
     channels = np.empty((acting.size, 2, data.force.size))
     ends = np.empty((acting.size, *states.shape))
     for row, j in enumerate(acting.tolist()):
@@ -346,7 +351,13 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
         moved = values.copy()
         moved[j] += step * each.width
         physics = hypothesis.physics(moved, data.name)
-        channels[row], ends[row] = scaled_change(data, predict(data, states, physics, fine=fine), base, step)
+        if physics._replace(sensors=here.sensors) == here and drive_phase(data, physics) == drive_phase(data, here):
+            # what only a sensor feels leaves the motion as it is
+            still = still or move(data, states, here, fine)
+            said = sensed(data, still, physics)
+        else:
+            said = predict(data, states, physics, fine=fine)
+        channels[row], ends[row] = scaled_change(data, said, base, step)
     return channels, ends
 
 

@@ -261,6 +261,9 @@ def _findings(outcome: Outcome) -> list[dict[str, Any]]:
             known = strengths.get(f"{step.mechanism} {entry.symbol}")
             if known is not None:
                 value, std = known
+                if entry.unit == "rad":
+                    # a fit may have gone round
+                    value = math.remainder(value, 2.0 * math.pi)
                 parameters[entry.symbol] = {"value": float(value), "std": float(std), "unit": entry.unit}
         findings.append(
             {
