@@ -1,11 +1,16 @@
 """What a search holds against what."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from drillenv.diagnosis.search import CLOSE, FLOOR, Place, Tried
+from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.rehearsal import rehearse
+from drillenv.diagnosis.search import CLOSE, FLOOR, Place, Tried, _settled_cost, _settled_cost_at_best_gain
+from drillenv.diagnosis.shooting import Physics
 
 
 def _fit(per_sample: float, loose: float) -> Any:
@@ -45,3 +50,16 @@ def test_a_mechanism_that_leaves_nothing_inside_the_windows_is_judged_there(insi
     tried = Tried("drive-droop", _fit(inside, 1e4), _fit(8.0, 1.0))
     found = _place(now, loosely).without_and_with(tried)
     assert found == ((loosely, tried.loosely) if kept_loose else (now, tried.fitted))
+
+
+def test_a_mount_is_not_looked_for_where_another_gain_of_the_drive_would_do():
+    """A scan holds the plain model against mounts with the gain of each recording at its best, for both."""
+    rng = np.random.default_rng(5)
+    play = rehearse(rng, 4, (), recordings=3, seconds=0.2)
+    weaker = replace(play.rig, drive_gain=0.95 * play.rig.drive_gain)
+    data = condition(play.campaign.recordings[0], play.rig).thinned(4)
+    nominal, true = Physics(play.rig, play.rock), Physics(weaker, play.rock)
+    noise = data.judged.stop - data.judged.start
+    assert _settled_cost(data, data.states, nominal) < 1.1 * noise
+    assert _settled_cost(data, data.states, true) > 1.5 * noise
+    assert _settled_cost_at_best_gain(data, data.states, true) < 1.1 * noise
