@@ -13,8 +13,10 @@ from drillenv.diagnosis.condition import Conditioned, common_lag, condition, whi
 from drillenv.diagnosis.fit import (
     APART,
     CONSTANTS,
+    CONVERGED,
     FINAL,
     NEARBY,
+    PLAY,
     Fit,
     Hypothesis,
     Parameter,
@@ -38,7 +40,7 @@ from drillenv.diagnosis.search import (
 )
 from drillenv.diagnosis.shape import Line, lines_left, repeated
 from drillenv.diagnosis.shooting import Prediction, predict, residual, window_costs
-from drillenv.diagnosis.starts import from_nothing, holding, leaving_out, slight
+from drillenv.diagnosis.starts import from_nothing, holding, leaving_out, opened, slight
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
@@ -55,6 +57,9 @@ MOST_LEFT, SMALL_PART = 1.32, 0.1
 than this share of what it was named to explain."""
 QUIETER = 0.97
 """Share of the noise below which it is told anew from what is left."""
+PLAY_BEGINS = "backlash y0"
+WIDER = 3.0
+"""Standard deviations by which a play is made wider to see whether it matters."""
 GRIPS = {"vs1"}
 """Symbols of the speed at which friction sets in that may turn out to be 0, of dry friction that grips. Not that of the
 indenter: it grips in every period, and each jump of its acceleration across a sample spoils the derivatives."""
@@ -218,11 +223,14 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             del steps[1:]
             now = steps[0].fitted
         now = _without_the_faint(thin, now, steps, rejected, workers)
+        now, wider_as_well = _widened(thin, now, workers)
         say("all samples")
         final = _full(fit_data, now, workers)
         quiet = quieted(fit_data, final)
         if quiet is not fit_data:
             fit_data, final = quiet, _full(quiet, final, workers)
+        if wider_as_well:
+            final = _silent_about(final, PLAY)
         # a fit that is far off is laid onto all samples window by window, which would hide what shows at their joints
         left = max(final.per_sample, now.per_sample) if now.per_sample > CLOSE else final.per_sample
         lines = lines_left(fit_data, final)
@@ -290,6 +298,47 @@ def _full(recordings: Sequence[Conditioned], now: Fit, workers: Workers) -> Fit:
     except (InputError, np.linalg.LinAlgError):
         return found
     return dry if dry.cost < found.cost else fit(recordings, found.hypothesis, workers, stages=FINAL, known=found)
+
+
+def _widened(thin: Sequence[Conditioned], now: Fit, workers: Workers) -> tuple[Fit, bool]:
+    """The fit with play as wide as does best, and whether a wider one would do as well.
+
+    A rig that touches one end of its play only says how wide it is at least. The curvature, which looks to the side
+    where something is felt, does not know that; and a fit does not find past the last width at which nothing is felt.
+    """
+    names = [each.name for each in now.hypothesis.parameters]
+    if PLAY not in names or now.per_sample > CLOSE:
+        return now, False
+    g, y0 = names.index(PLAY), names.index(PLAY_BEGINS)
+    for _again in range(3):
+        more = WIDER * float(now.spread[g])
+        hypothesis, kept = holding(now.hypothesis, {PLAY: float(now.values[g]) + more})
+        far_end = {"y0": float(now.values[y0] + now.values[g]), "g": more}
+        pairs = zip(thin, now.states, strict=True)
+        states = [opened(own, now.physics(data.name), data, far_end) for data, own in pairs]
+        values = now.values.copy()
+        values[g] += more
+        try:
+            wider = fit(thin, hypothesis, workers, values[kept], states, NEARBY)
+            if wider.cost > now.cost - CONVERGED:
+                # half of what the curvature promises is not felt
+                return now, wider.cost - now.cost < 0.25 * WIDER**2
+            values[kept] = wider.values
+            now = fit(thin, now.hypothesis, workers, values, wider.states, NEARBY)
+        except (InputError, np.linalg.LinAlgError):
+            break
+    return now, False
+
+
+def _silent_about(fitted: Fit, name: str) -> Fit:
+    """The fit, its recordings saying nothing of one parameter."""
+    at = [each.name for each in fitted.hypothesis.parameters].index(name)
+    parts = []
+    for part, place in zip(fitted.quadratics, fitted.places, strict=True):
+        known = (place != at).astype(float)
+        curvature = part.curvature * known[:, None] * known
+        parts.append(replace(part, gradient=part.gradient * known, curvature=curvature))
+    return replace(fitted, quadratics=parts)
 
 
 def _dry(fitted: Fit) -> dict[str, float]:

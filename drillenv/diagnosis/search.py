@@ -541,23 +541,21 @@ def _scan(mechanism: str, place: Place) -> list[Tried]:
     if mechanism in now.hypothesis.mechanisms:
         return []
     say(f"scanning {mechanism}")
-    costs, places = [], SCANNED[mechanism]
-    data = thin[:SCAN_ON]
+    data, places = thin[:SCAN_ON], SCANNED[mechanism]
     # what resonates near the excitation hides behind a gain that is a little off; a limit has to do with it itself
     settled_cost = _settled_cost if mechanism == "force-limit" else _settled_cost_at_best_gain
 
     def cost(hypothesis: Hypothesis, values: np.ndarray, states: Sequence[np.ndarray]) -> float:
-        physics = [hypothesis.physics(values, each.name) for each in data]
-        return sum(workers.each(settled_cost, data, states[:SCAN_ON], physics))
+        try:
+            physics = [hypothesis.physics(values, each.name) for each in data]
+            return sum(workers.each(settled_cost, data, states[:SCAN_ON], physics))
+        except (InputError, np.linalg.LinAlgError):
+            return math.inf
 
     without = cost(now.hypothesis, loosely.values, loosely.states)
     # a fit that is far off has led the states off too, and what was measured has not
     states = [each.states for each in thin] if loosely.per_sample > FAR else loosely.states
-    for there in places:
-        try:
-            costs.append(cost(*placed_at(now.hypothesis, mechanism, there, thin), states))
-        except (InputError, np.linalg.LinAlgError):
-            costs.append(math.inf)
+    costs = [cost(*placed_at(now.hypothesis, mechanism, there, thin), states) for there in places]
     noise = sum(each.judged.stop - each.judged.start for each in data)
     if without - min(costs) < NOTICED * (without - noise):
         return []

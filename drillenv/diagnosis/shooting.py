@@ -568,7 +568,7 @@ def settle_states(
         if fresh:
             wanted = at_work & stale
             anew = state_slopes(data, now, physics, made, None if remembers else wanted).channels
-            own = _samples_of(data, wanted)
+            own = _inside(data, wanted)
             channels[:, :, own] = anew[:, :, own]
             stale &= ~wanted
         left, trial, hoped = residual(data, made), now.copy(), np.zeros(len(now))
@@ -601,17 +601,16 @@ def settle_states(
     return now, made
 
 
-def _samples_of(data: Conditioned, windows: np.ndarray) -> np.ndarray:
-    """(n,) whether a sample lies in one of these windows."""
-    inside = np.zeros(data.force.size, dtype=bool)
-    inside[data.starts[0] : data.starts[-1]] = np.repeat(windows, np.diff(data.starts))
-    return inside
+def _inside(data: Conditioned, windows: np.ndarray, fine: int = 1) -> np.ndarray:
+    """(n * fine,) whether a point lies in one of these windows."""
+    mask = np.zeros(data.force.size * fine, dtype=bool)
+    mask[data.starts[0] * fine : data.starts[-1] * fine] = np.repeat(windows, np.diff(data.starts) * fine)
+    return mask
 
 
 def _mixed(data: Conditioned, where: np.ndarray, one: Motion, other: Motion) -> Motion:
     """One motion in some windows, another in the others; no window begins with extra states of the one before."""
-    mask = np.zeros(one.force.size, dtype=bool)
-    mask[data.starts[0] * one.fine : data.starts[-1] * one.fine] = np.repeat(where, np.diff(data.starts) * one.fine)
+    mask = _inside(data, where, one.fine)
     return Motion(
         one.fine,
         np.where(mask, one.force, other.force),

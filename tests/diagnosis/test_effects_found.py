@@ -1,6 +1,7 @@
 """Each mechanism of the library, put into small campaigns by the general engine, is found again."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,3 +126,17 @@ def test_a_gain_that_drifts_is_no_hardening_spring():
     record = diagnose(trial.made.campaign).record
     assert record["verdict"] == "unexplained"
     assert record["findings"] == []
+
+
+@pytest.mark.slow
+def test_play_of_which_one_end_is_touched_is_known_to_be_that_wide_at_least():
+    chosen = make("backlash", g=9e-4, y0=-6e-5)
+    campaign = rehearse(np.random.default_rng(SEED), 1, (chosen,), recordings=5, seconds=0.2).campaign
+    running = [each for each in campaign.recordings if each.starts != "fresh"]
+    report = diagnose(replace(campaign, recordings=running))
+    (finding,) = report.record["findings"]
+    found = finding["parameters"]["g"]
+    assert finding["mechanism"] == "backlash"
+    assert abs(found["value"] - 9e-4) < 1.96 * found["std"]
+    # nor are play and its ends more uncertain for it that the recordings do tell
+    assert finding["parameters"]["y0"]["std"] < 2e-5 < 2e-4 < found["std"]
