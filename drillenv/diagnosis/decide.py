@@ -59,7 +59,7 @@ QUIETER = 0.97
 """Share of the noise below which it is told anew from what is left."""
 PLAY_BEGINS = "backlash y0"
 WIDER = 3.0
-"""Standard deviations by which a play is made wider to see whether it matters."""
+"""Standard deviations by which a play is made wider to see whether that matters; if not, any width may do."""
 GRIPS = {"vs1"}
 """Symbols of the speed at which friction sets in that may turn out to be 0, of dry friction that grips. Not that of the
 indenter: it grips in every period, and each jump of its acceleration across a sample spoils the derivatives."""
@@ -88,6 +88,8 @@ class Outcome:
     """What was believed and what was found, of the recordings fitted and then of those held out."""
     lines: list[Line] = field(default_factory=list)
     """Frequencies left over."""
+    wider_as_well: bool = False
+    """Whether the play found is only the narrowest that fits."""
 
 
 def nominal_hypothesis(campaign: Campaign) -> Hypothesis:
@@ -262,6 +264,7 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             after,
             pairs,
             lines,
+            wider_as_well,
         )
     finally:
         workers.close()
@@ -310,6 +313,7 @@ def _widened(thin: Sequence[Conditioned], now: Fit, workers: Workers) -> tuple[F
     if PLAY not in names or now.per_sample > CLOSE:
         return now, False
     g, y0 = names.index(PLAY), names.index(PLAY_BEGINS)
+    believed, moved = now.hypothesis.parameters[g], False
     for _again in range(3):
         more = WIDER * float(now.spread[g])
         hypothesis, kept = holding(now.hypothesis, {PLAY: float(now.values[g]) + more})
@@ -320,18 +324,20 @@ def _widened(thin: Sequence[Conditioned], now: Fit, workers: Workers) -> tuple[F
         values[g] += more
         try:
             wider = fit(thin, hypothesis, workers, values[kept], states, NEARBY)
-            if wider.cost > now.cost - CONVERGED:
-                # half of what the curvature promises is not felt
-                return now, wider.cost - now.cost < 0.25 * WIDER**2
+            # where it is held nothing is believed of it
+            without_belief = now.cost - 0.5 * believed.prior * ((now.values[g] - believed.value) / believed.width) ** 2
+            if wider.cost > without_belief - CONVERGED:
+                # the curvature promises half the square: less than half of that is as good as nothing
+                return now, wider.cost - without_belief < 0.5 * (0.5 * WIDER**2)
             values[kept] = wider.values
-            now = fit(thin, now.hypothesis, workers, values, wider.states, NEARBY)
+            now, moved = fit(thin, now.hypothesis, workers, values, wider.states, NEARBY), True
         except (InputError, np.linalg.LinAlgError):
             break
-    return now, False
+    return now, moved
 
 
 def _silent_about(fitted: Fit, name: str) -> Fit:
-    """The fit, its recordings saying nothing of one parameter."""
+    """The fit, its recordings saying nothing of one parameter, and of the others as if it were known."""
     at = [each.name for each in fitted.hypothesis.parameters].index(name)
     parts = []
     for part, place in zip(fitted.quadratics, fitted.places, strict=True):

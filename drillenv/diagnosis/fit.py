@@ -353,7 +353,7 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
         physics = hypothesis.physics(moved, data.name)
         if physics._replace(sensors=here.sensors) == here and drive_phase(data, physics) == drive_phase(data, here):
             # what only a sensor feels leaves the motion as it is
-            still = still or move(data, states, here, fine)
+            still = move(data, states, here, fine) if still is None else still
             said = sensed(data, still, physics)
         else:
             said = predict(data, states, physics, fine=fine)

@@ -123,7 +123,7 @@ def _report(title: str, outcome: Outcome, faults: tuple[QualityFinding, ...]) ->
         ],
         "next": _next(outcome),
         "quality": [str(each) for each in faults],
-        "remarks": _remarks(final),
+        "remarks": _remarks(outcome),
         "cells": cells,
     }
     model = Corrected(physics.rig, physics.rock, (*physics.motion, *physics.sensors)) if explained else Corrected()
@@ -163,18 +163,20 @@ def _next(outcome: Outcome) -> list[str]:
     return said
 
 
-def _remarks(final: Fit) -> list[str]:
-    """Constants of which the recordings say so little that a wrong one would pass."""
+def _remarks(outcome: Outcome) -> list[str]:
+    """What the recordings say so little of that something wrong would pass."""
+    final, said = outcome.final, []
+    if outcome.wider_as_well:
+        said.append("The recordings touch one end of the play only: what is given is how wide it is at least.")
     silent = [
         each.name.replace("_", " ")
         for each, std in zip(final.hypothesis.constants, final.spread, strict=False)
         if std > SILENT * each.width
     ]
-    if not silent:
-        return []
-    return [
-        f"The recordings say next to nothing of the {' and the '.join(silent)}: what the lab states stands unchecked."
-    ]
+    if silent:
+        named = " and the ".join(silent)
+        said.append(f"The recordings say next to nothing of the {named}: what the lab states stands unchecked.")
+    return said
 
 
 def excess(outcome: Outcome) -> list[dict[str, Any]]:

@@ -542,7 +542,7 @@ def _scan(mechanism: str, place: Place) -> list[Tried]:
         return []
     say(f"scanning {mechanism}")
     data, places = thin[:SCAN_ON], SCANNED[mechanism]
-    # what resonates near the excitation hides behind a gain that is a little off; a limit has to do with it itself
+    # what resonates near the excitation hides behind a gain that is a little off; a limit is a weaker drive itself
     settled_cost = _settled_cost if mechanism == "force-limit" else _settled_cost_at_best_gain
 
     def cost(hypothesis: Hypothesis, values: np.ndarray, states: Sequence[np.ndarray]) -> float:
@@ -557,7 +557,7 @@ def _scan(mechanism: str, place: Place) -> list[Tried]:
     states = [each.states for each in thin] if loosely.per_sample > FAR else loosely.states
     costs = [cost(*placed_at(now.hypothesis, mechanism, there, thin), states) for there in places]
     noise = sum(each.judged.stop - each.judged.start for each in data)
-    if without - min(costs) < NOTICED * (without - noise):
+    if not math.isfinite(without) or without - min(costs) < NOTICED * (without - noise):
         return []
     hypothesis, values = placed_at(now.hypothesis, mechanism, places[int(np.argmin(costs))], thin)
     try:
@@ -604,7 +604,10 @@ def _settled_cost(data: Conditioned, states: np.ndarray, physics: Physics) -> fl
 
 
 def _settled_cost_at_best_gain(data: Conditioned, states: np.ndarray, physics: Physics) -> float:
-    """The same with the drive's gain at its best in this recording too, to first order."""
+    """Half the sum of squares with each window's state and the recording's gain of the drive at their best.
+
+    The gain to first order, whatever is believed of it.
+    """
     settled, made = _settled(data, states, physics)
     stronger = with_constants(physics, ["drive_gain"], [(1.0 + GAIN_STEP) * physics.rig.drive_gain])
     channels, ends = scaled_change(data, predict(data, settled, stronger), made, 1.0)

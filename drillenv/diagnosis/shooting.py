@@ -54,9 +54,10 @@ might do beside the model without being noticed in one window."""
 GUESS = np.array([500.0, 1e-1, 1e-1, 5e-4, 5e-4, 5e-1, 200.0])
 """Standard deviations of the first guess of a window's state, to keep directions that the data leave open in place."""
 
-SETTLED, IDLE = 0.1, 0.03
-"""Half a sum of squares for each window that a round must gain for another one to follow, and that a window must have
-to gain for being moved."""
+SETTLED = 0.1
+"""Half a sum of squares for each window that a round must gain for another one to follow."""
+IDLE = 0.03
+"""The same that a window must have to gain to be moved at all."""
 KEPT = 0.7
 """Share of the gain they promised from which slopes are used once more."""
 SLOPES_COST = 0.8
@@ -198,7 +199,8 @@ def move(
     """The motion that :func:`predict` hands to the sensors.
 
     ``extras`` gives each window its own extra states to begin with, instead of those that the one before ended with.
-    ``only`` (windows,) says which windows are asked for, where they have nothing to do with each other.
+    ``only`` (windows,) says which windows are asked for, where they have nothing to do with each other; what is said of
+    the others means nothing.
 
     Raises:
         InputError: the motion could not be followed.
@@ -268,7 +270,7 @@ def _with_effects(data: Conditioned, states: np.ndarray, physics: Physics, fine:
     scratch = make_scratch(z.size, len(physics.motion))
     force, acceleration = np.zeros(data.force.size * fine), np.zeros(data.force.size * fine)
     ends = np.zeros(states.shape)
-    begun = np.empty((len(states), model.tally - OWN))
+    begun = np.zeros((len(states), model.tally - OWN))
     starts, phase, lead = data.starts * fine, drive_phase(data, physics), _lead(data, physics)
     nothing = np.zeros((0, MEASURED_COLUMNS))
     for k, (first, after) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
@@ -550,7 +552,8 @@ def settle_states(
     """Fit the state of each window on its own, by Levenberg and Marquardt, the model held.
 
     ``slopes`` are those of a place nearby, if they are known: they are used as long as they bring what they promise,
-    and so are all others, since they cost four times as much as a step or more.
+    and so are all others, since they cost four times as much as a step or more. Windows that have little to gain are
+    left where they are, unless effects carry something over from window to window.
     """
     now, damping, width = states.copy(), np.full(len(states), 1e-2), GUESS[held_in(states.shape[1])]
     fine, remembers = fineness(data, physics.sensors), _remembers(physics, states)
@@ -558,18 +561,18 @@ def settle_states(
     made = sensed(data, motion, physics)
     costs, guess = window_costs(data, now, made), first_guess(data, now)
     channels = np.empty((width.size, 2, data.force.size)) if slopes is None else slopes.channels.copy()
-    left_over, little, fresh = float(rounds), SETTLED * len(now), slopes is None
+    left_over, little, anew = float(rounds), SETTLED * len(now), slopes is None
     everywhere = np.ones(len(now), dtype=bool)
     # which windows have slopes of another place, and what each may still gain, as its own slopes have said
     stale, open_gain = everywhere.copy(), np.full(len(now), np.inf)
     while left_over > 0.0:
-        left_over -= 1.0 if fresh else 1.0 - SLOPES_COST
+        left_over -= 1.0 if anew else 1.0 - SLOPES_COST
         at_work = everywhere if remembers else open_gain > IDLE
-        if fresh:
-            wanted = at_work & stale
-            anew = state_slopes(data, now, physics, made, None if remembers else wanted).channels
+        wanted = at_work & stale
+        if anew and wanted.any():
+            found = state_slopes(data, now, physics, made, None if remembers else wanted).channels
             own = _inside(data, wanted)
-            channels[:, :, own] = anew[:, :, own]
+            channels[:, :, own] = found[:, :, own]
             stale &= ~wanted
         left, trial, hoped = residual(data, made), now.copy(), np.zeros(len(now))
         for k in np.flatnonzero(at_work).tolist():
@@ -586,18 +589,21 @@ def settle_states(
         trial_costs = window_costs(data, trial, sensed(data, tried, physics))
         better = going & (trial_costs < costs)
         gains = np.where(better, costs - trial_costs, 0.0)
-        gained = float(gains.sum())
+        gained, promised = float(gains.sum()), float(hoped[going].sum())
         now[better] = trial[better]
         damping = np.where(better, damping / 5.0, np.where(going, damping * 8.0, damping))
         # a step that brought much has changed the slopes, even where it brought what they promised
         open_gain = np.where(at_work & ~stale, np.abs(hoped - gains) + 0.1 * gains, open_gain)
+        if fine > 1:
+            # a sensor that remembers reads something else in the window behind one that has moved
+            open_gain[1:][better[:-1]] = np.inf
         stale |= everywhere if remembers else better
         motion = move(data, now, physics, fine) if remembers else _mixed(data, better, tried, motion)
         made = sensed(data, motion, physics)
         costs = window_costs(data, now, made)
-        if gained < little and (fresh or hoped.sum() < little):
+        if gained < little and (anew or promised < little):
             break
-        fresh = gained < KEPT * hoped.sum()
+        anew = gained < KEPT * promised
     return now, made
 
 

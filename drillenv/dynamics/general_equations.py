@@ -158,7 +158,9 @@ def next_corner(
         if table[i, CORNER_AT] != 0:
             now = moment(model, time, theta, regime, z, z[V1] - z[V2], into, rock)
             seconds = call_corner(table[i, CORNER_AT], now, dz[V1], dz[V2], model.parameters, table[i, AT])
-            ahead = min(ahead, seconds)
+            # none at all, rather than a step of no length
+            if seconds > 0.0:
+                ahead = min(ahead, seconds)
     return ahead
 
 

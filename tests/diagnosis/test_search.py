@@ -52,8 +52,7 @@ def test_a_mechanism_that_leaves_nothing_inside_the_windows_is_judged_there(insi
     assert found == ((loosely, tried.loosely) if kept_loose else (now, tried.fitted))
 
 
-def test_a_mount_is_not_looked_for_where_another_gain_of_the_drive_would_do():
-    """A scan holds the plain model against mounts with the gain of each recording at its best, for both."""
+def test_a_scan_for_mounts_does_not_mind_another_gain_of_the_drive():
     rng = np.random.default_rng(5)
     play = rehearse(rng, 4, (), recordings=3, seconds=0.2)
     weaker = replace(play.rig, drive_gain=0.95 * play.rig.drive_gain)

@@ -9,6 +9,7 @@ from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.shooting import (
     JOIN,
     Physics,
+    move,
     predict,
     quadratic,
     settle_states,
@@ -67,6 +68,25 @@ def test_what_is_not_judged_says_nothing_of_a_parameter():
     other = quadratic(data, data.states, base, slopes, columns, ends)
     np.testing.assert_array_equal(one.curvature, other.curvature)
     np.testing.assert_array_equal(one.gradient, other.gradient)
+
+
+@pytest.mark.parametrize("extra", [(), (make("accelerometer-resonance", f_a=3000.0, zeta_a=0.03),)])
+def test_windows_asked_for_are_what_they_are_among_all(extra):
+    effects = (make("damping-quadratic", c2=400.0), *extra)
+    play = rehearse(np.random.default_rng(3), 4, effects, recordings=3, seconds=0.2)
+    data = condition(play.campaign.recordings[0], play.rig).thinned(4)
+    physics = Physics(play.rig, play.rock, effects[:1], extra)
+    asked = np.arange(len(data.states)) % 3 == 1
+    inside = np.zeros(data.force.size, dtype=bool)
+    inside[data.starts[0] : data.starts[-1]] = np.repeat(asked, np.diff(data.starts))
+    whole, part = (move(data, data.states, physics, 1, only=each) for each in (None, asked))
+    np.testing.assert_array_equal(part.force[inside], whole.force[inside])
+    np.testing.assert_array_equal(part.ends[asked], whole.ends[asked])
+    base = predict(data, data.states, physics)
+    all_slopes, some = (state_slopes(data, data.states, physics, base, each).channels for each in (None, asked))
+    # of what rings through a whole window there is nothing left but a trace
+    for one, other in zip(some, all_slopes, strict=True):
+        np.testing.assert_allclose(one[:, inside], other[:, inside], rtol=0.0, atol=1e-6 * np.abs(other).max())
 
 
 MOUNT = make("rock-mount-compliance", s_r=3e-8, m_r=30.0, zeta_r=0.05)

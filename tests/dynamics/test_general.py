@@ -212,6 +212,39 @@ def test_corners_said_ahead_save_steps_and_leave_the_motion_alone(chosen):
     assert np.allclose(told.x2, tried.x2, rtol=0.0, atol=1e-9) and np.ptp(told.x2) > 1e-5
 
 
+@pytest.mark.parametrize("name", [name for name, each in effects.REGISTRY.items() if each.corner])
+def test_a_corner_is_always_ahead(name):
+    """An engine that steps to it must get on: also from a corner, from beside it, and from rest."""
+    rng = np.random.default_rng(11)
+    effect = effects.REGISTRY[name]
+    chosen = {
+        "force-limit": (180.0,), "backlash": (4e-4, -5e-5), "indenter-friction": (30.0, 1e-3),
+    }[name]  # fmt: skip
+    at = math.asin(180.0 / 400.0)
+    phases = [
+        at,
+        -at,
+        at + 1e-9,
+        at - 1e-9,
+        at + 1e-10,
+        math.pi - at,
+        math.pi + at,
+        0.0,
+        *rng.uniform(-10.0, 10.0, 300),
+    ]
+    places = [-5e-5, 3.5e-4, -5e-5 + 1e-10, 3.5e-4 - 1e-9, 0.0]
+    for theta in phases:
+        closing, v2, a1, a2 = (float(rng.choice([0.0, 1.0]) * rng.normal()) for _ in range(4))
+        y = 0.003 + float(rng.choice([*places, rng.normal() * 1e-3]))
+        now = effects.Moment(
+            0.0, theta, 377.0, y, closing, v2 + closing, v2, -1e-4, v2, 0.0, 0.0, 0, 400.0, 210.0, 265.0, 3.0, 7e4,
+            2e3, 2e7, 2e8,
+        )  # fmt: skip
+        assert effect.corner is not None
+        assert effect.corner(now, a1, a2, chosen) > 0.0
+        assert effect.corner(now, a1, a2, effect.neutral) == math.inf
+
+
 def test_run_goes_on_where_it_ended():
     setting = Setting(60.0, 0.45, 1.0)
     chosen = [effects.make("rock-mount-compliance", s_r=2e-8), effects.make("air-spring", k_a=2e3, tau=0.5)]

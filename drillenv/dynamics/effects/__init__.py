@@ -21,7 +21,7 @@ functions that the general engine compiles:
 ``corner(now, a1, a2, p) -> seconds``
     How long a step may be, for the sake of a corner in a force of the effect: until the next one, as far as the
     accelerations ``a1`` and ``a2`` (m/s^2) tell, and, where it is rounded, short enough to go through it; infinity
-    where there is none ahead. It only saves time.
+    where there is none ahead. One that has just been reached lies behind. It only saves time.
 
 These are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With
 every parameter at its neutral value an effect must change nothing, to the last bit. A corner in a force that nobody

@@ -20,15 +20,16 @@ def _corner(now, a1, a2, p):
     first, change = math.inf, a1 - a2
     for corner in (p[1], p[1] + p[0]):
         off = now.y - now.static / now.k - corner
+        square = now.closing**2 - 2.0 * change * off
         # a nanometre beside it is on it
-        root = now.closing**2 - 2.0 * change * off
-        if abs(off) < 1e-9 or root < 0.0:
+        if abs(off) < 1e-9 or square < 0.0:
             continue
-        mean = now.closing + math.copysign(math.sqrt(root), now.closing)
-        if mean != 0.0 and off / mean < 0.0:
-            first = min(first, -2.0 * off / mean)
-        if change != 0.0 and mean / change < 0.0:
-            first = min(first, -mean / change)
+        # both roots of off + closing t + change t^2 / 2 from a sum of speeds, neither from a difference of near equals
+        both = now.closing + math.copysign(math.sqrt(square), now.closing)
+        if both != 0.0 and off / both < 0.0:
+            first = min(first, -2.0 * off / both)
+        if change != 0.0 and both / change < 0.0:
+            first = min(first, -both / change)
     return first
 
 

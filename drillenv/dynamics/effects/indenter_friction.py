@@ -14,7 +14,7 @@ def _term(now, own, p, push, rates):
 def _corner(now, a1, a2, p):
     # all of the turn lies within three transition speeds, and steps of two of them go through it
     speed, change = abs(now.v2), abs(a2)
-    if p[1] == 0.0 or change == 0.0 or (speed > 3.0 * p[1] and now.v2 * a2 > 0.0):
+    if p[0] == 0.0 or p[1] == 0.0 or change == 0.0 or (speed > 3.0 * p[1] and now.v2 * a2 > 0.0):
         return math.inf
     return max(speed - 3.0 * p[1], 2.0 * p[1]) / change
 
