@@ -338,9 +338,10 @@ def columns_for(data: Conditioned, states: np.ndarray, hypothesis: Hypothesis, v
     acting = hypothesis.acting_on(data.name)
     here = hypothesis.physics(values, data.name)
     fine = slope_fineness(data, here.sensors)
-    if fine > 1:
-        base = predict(data, states, here, fine=fine)
     still: Motion | None = None
+    if fine > 1:
+        still = move(data, states, here, fine)
+        base = sensed(data, still, here)
     channels = np.empty((acting.size, 2, data.force.size))
     ends = np.empty((acting.size, *states.shape))
     for row, j in enumerate(acting.tolist()):

@@ -37,7 +37,7 @@ BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
 # Columns of the table of effects: addresses of its four functions (0 for none), 1 where its term needs the whole force
 # of the rock, the indices of its first extra state and first parameter, 1 where the former is the speed of the face.
 TERM_AT, SHAPE_AT, SWITCHED_AT, CORNER_AT, LAST, FIRST, AT, FACE = range(8)
-COLUMNS = 8
+COLUMNS = FACE + 1
 
 
 class Model(NamedTuple):
