@@ -1,0 +1,16 @@
+"""The blind trial: a rig of its own conceals physics, and the diagnosis has to find it.
+
+This room shares no equation, table or integrator with ``drillenv.dynamics`` and ``drillenv.diagnosis`` (a test walks its
+imports). It reaches the diagnosis through one door only: the command ``drillenv diagnose``, run on campaign folders.
+
+    laws          constitutive equations, one function each
+    rig           the equations of motion, integrated at 200 kHz with located switches
+    sensors       transducers, cables and the data logger
+    mechanisms    the catalogue: for each mechanism the equations it may follow, and how strong they are drawn
+    campaigns     groups of campaigns, drawn from a seed, and their answers
+    seal          the answers, sealed with SHA-256
+    confined      the process in which one diagnosis runs
+    trial         the whole trial, resumable
+    marking       the marks, by the rules of docs/trial/rules.md
+    page          trial.html
+"""

@@ -1,0 +1,253 @@
+"""The marks of a trial, by the rules of docs/trial/rules.md, which were written before the first one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from drillenv.blind import curves
+from drillenv.blind.mechanisms import MECHANISMS, MENDED_GAPS, NAMED_BY_FORMAT, OUTSIDE
+
+LARGEST_CLASS = 3
+"""Mechanisms that a finding and its equivalents may be, at most, to count as named."""
+HELD_OUT = 1.1
+"""Times the noise that may be left on recordings held out."""
+INSIDE = 1.96
+"""Standard deviations either way that make a 95 % interval."""
+CONSTANT_SHARE, CONSTANT_STD = 0.02, 3.0
+"""A stated constant is right within this share of its true value, or so many of its standard deviations."""
+
+
+def wilson(hits: int, total: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's score interval for a share (E. B. Wilson, Journal of the American Statistical Association 22, 1927)."""
+    if total == 0:
+        return 0.0, 1.0
+    share, over = hits / total, 1.0 + z * z / total
+    middle = (share + z * z / (2.0 * total)) / over
+    half = z * math.sqrt(share * (1.0 - share) / total + z * z / (4.0 * total * total)) / over
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Mark one campaign.
+
+    Args:
+        answer: What is true, as sealed.
+        outcome: How the diagnosis ended: ``status`` "answered", or why there is no answer.
+        report: Its report.json, where it answered.
+    """
+    names = [each["mechanism"] for each in answer["mechanisms"]]
+    made: dict[str, Any] = {
+        "group": answer["group"],
+        "truth": [f"{each['mechanism']} ({each['equation']})" for each in answer["mechanisms"]],
+        "wrong": dict(answer["wrong"]),
+        "missing": answer["missing"],
+        "status": outcome["status"],
+        "seconds": outcome["seconds"],
+        "memory_mib": outcome["memory_mib"],
+        "verdict": None,
+        "findings": [],
+        "right": False,
+        "named": False,
+    }
+    if report is None:
+        return made | {"mechanisms": {name: "no answer" for name in names}, "false": [], "laws": {}, "intervals": []}
+    findings = report["findings"] if report["verdict"] == "missing-physics" else []
+    matched = {name: _finding_of(name, findings) for name in names}
+    used = [id(each) for each in matched.values() if each is not None]
+    false = [each["mechanism"] for each in findings if id(each) not in used]
+    laws = _laws(answer, matched)
+    made |= {
+        "verdict": report["verdict"],
+        "findings": [each["mechanism"] for each in findings],
+        "mechanisms": {name: _fate(name, matched[name], report, false) for name in names},
+        "false": false,
+        "laws": laws,
+        "intervals": _intervals(answer, matched) if not false and report["verdict"] == "missing-physics" else [],
+        "fit": report.get("fit"),
+        "where": report.get("where", {}).get("summary"),
+        "constants": {name: entry["value"] for name, entry in report.get("parameters", {}).items()},
+        "constants_right": _constants_right(answer, report),
+    }
+    made["named"] = _named(answer, made)
+    made["right"] = made["named"] and _agree(answer, made)
+    return made
+
+
+def _finding_of(name: str, findings: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """The finding that names a mechanism, itself or in an equivalence class of at most three."""
+    also = {name, *_also(name)}
+    for each in findings:
+        if each["mechanism"] in also:
+            return each
+    for each in findings:
+        members = {each["mechanism"], *each.get("equivalents", ())}
+        if members & also and len(members) <= LARGEST_CLASS:
+            return each
+    return None
+
+
+def _also(name: str) -> tuple[str, ...]:
+    for each in (*MECHANISMS.values(), *OUTSIDE.values()):
+        if each.name == name:
+            return each.also
+    return ()
+
+
+def _fate(name: str, finding: Mapping[str, Any] | None, report: Mapping[str, Any], false: Sequence[str]) -> str:
+    """What became of a mechanism that was there."""
+    if finding is not None:
+        return "named" if finding["mechanism"] in (name, *_also(name)) else "in a class"
+    if report["verdict"] == "unexplained":
+        return "unexplained"
+    return "something else" if false else "not seen"
+
+
+def _named(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
+    """Whether the verdict is right, all that is there is named, and nothing that is not."""
+    group, verdict = answer["group"], made["verdict"]
+    if made["false"]:
+        return False
+    if group == "null":
+        return verdict == "agrees" or (verdict == "parameters" and made["constants_right"])
+    if group == "wrong-constant":
+        return verdict == "parameters" and set(answer["wrong"]) <= set(made["constants"]) and made["constants_right"]
+    found = all(fate in ("named", "in a class") for fate in made["mechanisms"].values())
+    if group == "outside":
+        if MENDED_GAPS in made["mechanisms"]:
+            return verdict != "missing-physics"
+        return verdict == "unexplained" or (verdict == "missing-physics" and found)
+    if answer.get("absent"):
+        return verdict in ("agrees", "parameters")
+    return verdict == "missing-physics" and found
+
+
+def _agree(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
+    """Whether, where the equation is not the library's, the force found is the one that was missing."""
+    if made["verdict"] != "missing-physics":
+        return True
+    held = ((made["fit"] or {}).get("held_out") or {}).get("after")
+    for each in answer["mechanisms"]:
+        if each["of_library"] or each["mechanism"] in NAMED_BY_FORMAT:
+            continue
+        if each["law"] is None:  # no function of one argument: the recordings held out have to be explained
+            if held is None or held > HELD_OUT:
+                return False
+        elif not made["laws"].get(each["mechanism"], math.inf) <= curves.LARGEST_ERROR:
+            return False
+    return True
+
+
+def _laws(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]) -> dict[str, float]:
+    """For each mechanism with a curve that was named: the error of the curve found."""
+    where = curves.Reference(**answer["reference"])
+    errors = {}
+    for each in answer["mechanisms"]:
+        finding, law = matched[each["mechanism"]], each["law"]
+        if finding is None or law is None or finding["mechanism"] != each["mechanism"]:
+            continue
+        x = np.asarray(law["x"])
+        try:
+            found = curves.reported(finding, x, where, tuple(answer["conditions"]["noise"]))
+        except (ArithmeticError, ValueError, KeyError, TypeError):
+            found = None  # a report that cannot be read as a curve has none
+        if found is not None:
+            errors[each["mechanism"]] = curves.law_error(each["mechanism"], x, np.asarray(law["y"]), found)
+    return {name: error for name, error in errors.items() if math.isfinite(error)}
+
+
+def _intervals(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]) -> list[dict[str, Any]]:
+    """For each parameter of the library's own equations that is known on both sides: whether its interval holds it."""
+    found = []
+    for each in answer["mechanisms"]:
+        finding = matched[each["mechanism"]]
+        if finding is None or not each["of_library"] or finding["mechanism"] != each["mechanism"]:
+            continue
+        for symbol, entry in finding.get("parameters", {}).items():
+            if symbol in each["parameters"] and entry["std"] is not None:
+                off = entry["value"] - each["parameters"][symbol]
+                if symbol.startswith(("phi", "psi")):
+                    off = math.remainder(off, 2.0 * math.pi)
+                found.append(
+                    {
+                        "parameter": f"{each['mechanism']} {symbol}",
+                        "true": each["parameters"][symbol],
+                        "found": entry["value"],
+                        "std": entry["std"],
+                        "inside": abs(off) <= INSIDE * entry["std"],
+                    }
+                )
+    return found
+
+
+def _constants_right(answer: Mapping[str, Any], report: Mapping[str, Any]) -> bool:
+    """Whether all constants that the report states are right, and those that the lab has wrong are among them."""
+    stated = report.get("parameters", {})
+    for name, entry in stated.items():
+        true = answer["true"].get(name)
+        if true is None:
+            return False
+        width = max(CONSTANT_SHARE * abs(true), CONSTANT_STD * (entry.get("std") or 0.0))
+        if abs(entry["value"] - true) > width:
+            return False
+    return set(answer["wrong"]) <= set(stated)
+
+
+# --- What the marks come to
+
+
+def _share(marks: Sequence[Mapping[str, Any]], holds: Any) -> dict[str, Any]:
+    hits = sum(bool(holds(each)) for each in marks)
+    low, high = wilson(hits, len(marks))
+    return {"hits": hits, "of": len(marks), "low": low, "high": high}
+
+
+def summary(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Counts with Wilson intervals: by group, the confusion table, false alarms, coverage, held-out errors, cost."""
+    groups = {}
+    for name in dict.fromkeys(each["group"] for each in marks):
+        own = [each for each in marks if each["group"] == name]
+        groups[name] = {
+            "right": _share(own, lambda each: each["right"]),
+            "named": _share(own, lambda each: each["named"]),
+            "no_answer": sum(each["status"] != "answered" for each in own),
+            "seconds_median": float(np.median([each["seconds"] for each in own])),
+            "seconds_most": max(each["seconds"] for each in own),
+        }
+    confusion: dict[str, dict[str, int]] = {}
+    for each in marks:
+        for name, fate in each["mechanisms"].items():
+            row = confusion.setdefault(name, {})
+            row[fate] = row.get(fate, 0) + 1
+        for name in each["false"]:
+            row = confusion.setdefault(name, {})
+            row["named though absent"] = row.get("named though absent", 0) + 1
+    null = [each for each in marks if each["group"] in ("null", "wrong-constant")]
+    present = [each for each in marks if each["mechanisms"] and each["group"] != "outside"]
+    fates = [{"named": fate in ("named", "in a class")} for each in present for fate in each["mechanisms"].values()]
+    intervals = [entry for each in marks for entry in each["intervals"]]
+    answered = [each for each in marks if each["status"] == "answered"]
+    laws = [error for each in marks for error in each["laws"].values()]
+    return {
+        "groups": groups,
+        "confusion": confusion,
+        "false_alarms": _share(null, lambda each: each["verdict"] == "missing-physics"),
+        "null_unexplained": _share(null, lambda each: each["verdict"] == "unexplained"),
+        "recall": _share(fates, lambda each: each["named"]),
+        "false_findings": _share(answered, lambda each: each["false"]),
+        "coverage": _share(intervals, lambda each: each["inside"]),
+        "laws": {
+            "within": _share([{"error": each} for each in laws], lambda each: each["error"] <= curves.LARGEST_ERROR),
+            "median": float(np.median(laws)) if laws else None,
+        },
+        "no_answer": _share(marks, lambda each: each["status"] != "answered"),
+        "seconds": _spread([each["seconds"] for each in marks]),
+        "memory_mib": _spread([each["memory_mib"] for each in marks]),
+    }
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    return {"median": float(np.median(values)), "most": float(max(values))} if values else {}
