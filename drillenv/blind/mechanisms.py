@@ -174,14 +174,14 @@ def _slew(rng, share, site):
 
 def _saturating_spring(rng, share, site):
     return {
-        "s_0": float(rng.uniform(2.4e-3, 3.2e-3)),
-        "w": float(rng.uniform(2.2e-3, 4e-3)) / math.sqrt(share),
+        "s_0": 0.0,
+        "w": float(rng.uniform(5.5e-3, 9e-3)) / math.sqrt(share),
         "k": Constants().stiffness,
     }
 
 
 def _softening(rng, share, site):
-    return {"k_3": -share * float(rng.uniform(3e8, 9e8))}
+    return {"k_3": -share * float(rng.uniform(1e8, 2.5e8))}
 
 
 def _exponent(low: float, high: float, sign: float) -> Draw:

@@ -47,6 +47,9 @@ DENSE_RATE = 200e3
 # Table 2.1, Eq. 3.5 and Eq. 3.6 of the paper, typed in again.
 DRIVE_PER_HERTZ, DRIVE_AT_ZERO, PUSH_PER_BAR = 2.40, 876.19, 196.35
 
+LONGEST = 9e-3
+"""m: no coupling of the catalogue rests shorter than this, and all get stiffer or softer one way up to there."""
+
 FREE, LOADING, UNLOADING = range(3)
 
 # Places in the state vector: indenter, coupling, rock's face, second mass of its mount, air, bristles, slewed drive.
@@ -210,8 +213,8 @@ def move(
 
 
 def resting_shortening(constants: Constants, static: float, physics: Physics) -> float:
-    """Shortening in m at which the coupling carries the static force, by bisection."""
-    low, high = -0.05, 0.05
+    """Shortening in m at which the coupling carries the static force, by bisection below ``LONGEST``."""
+    low, high = 0.0, LONGEST
     for _ in range(100):
         middle = 0.5 * (low + high)
         if _spring(physics.codes, physics.parameters, constants.stiffness, middle) < static:
@@ -358,7 +361,9 @@ def _rates(given, physics, t, state, regime, origins, factor, slides, rates, row
         rates[DRIVE] = min(max((asked - state[DRIVE]) / 2e-5, -steepest), steepest)
     row[1], row[2], row[3], row[4], row[5], row[6] = theta, state[X2], v2, s, sv, state[U]
     row[7], row[8], row[9], row[10], row[11], row[12] = depth, into, regime, rock, a2, drive
-    row[14] = rock - straight
+    # a law of the paper would be read over the indenter's place, not over its place on a face that gives
+    straight_on_fixed_face = straight + (given.kl * state[U] if straight > 0.0 else 0.0)
+    row[14] = rock - straight_on_fixed_face
     row[15] = coupling - plain
     row[16] = drive - given.drive * math.sin(theta) + on_indenter - held2
     row[17] = on_shaker - lack - held1

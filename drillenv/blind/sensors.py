@@ -49,7 +49,11 @@ Transfer = tuple[list[float], list[float]]
 
 def filtered(x: Floats, transfer: Transfer, scene: Scene) -> Floats:
     """The output of a linear filter that had settled on the signal's mean (or on 0, from rest) before the first sample."""
-    discrete = signal.cont2discrete(transfer, 1.0 / scene.rate, method="bilinear")
+    # in time steps instead of seconds, so that coefficients of high powers are of one size
+    over = np.asarray(transfer[1])
+    scales = scene.rate ** (np.arange(over.size)[::-1] - (over.size - 1.0))
+    above = np.asarray(transfer[0]) * scales[over.size - len(transfer[0]) :]
+    discrete = signal.cont2discrete((above, over * scales), 1.0, method="foh")
     b, a = np.atleast_1d(np.squeeze(discrete[0])), np.atleast_1d(discrete[1])
     if scene.from_rest:
         return np.asarray(signal.lfilter(b, a, x))
