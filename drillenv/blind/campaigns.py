@@ -190,7 +190,9 @@ def _deck(name: str) -> list[tuple[str, int]]:
     return [card for card in cards if has(card)]
 
 
-def make_campaign(seed: int, index: int, group: str, cards: Sequence[tuple[str, int]], share: float | None = None) -> Made:
+def make_campaign(
+    seed: int, index: int, group: str, cards: Sequence[tuple[str, int]], share: float | None = None
+) -> Made:
     """Draw and record one campaign of a trial.
 
     Args:
@@ -210,6 +212,34 @@ def make_campaign(seed: int, index: int, group: str, cards: Sequence[tuple[str, 
         concealed(*_found(name, i), rng=rng, share=share, site=site) for name, i in cards if name != MENDED_GAPS
     )
     return record_campaign(rng, conditions, hidden, settings, wrong, f"campaign {index + 1}", group)
+
+
+def plain_campaign(
+    rng: np.random.Generator,
+    case: int = 4,
+    hidden: Sequence[Concealed] = (),
+    wrong: Mapping[str, float] | None = None,
+    recordings: int = 8,
+    seconds: float = 0.5,
+    rate: float = 25600.0,
+    noise: tuple[float, float, float] = NOISE,
+) -> Made:
+    """A campaign under good conditions: white noise, right labels and clock, no anti-alias filter.
+
+    Args:
+        rng: All randomness comes from it.
+        case: Rock and indenter, 1 to 6 of Table 2.2.
+        hidden: What is concealed, from :func:`drillenv.blind.mechanisms.of_library` or the catalogue.
+        wrong: Constants that the lab has wrong, and by how many tolerances.
+        recordings: At least 3; the second and the fifth are of fresh rock.
+        seconds: Of each recording.
+        rate: Samples a second.
+        noise: Standard deviations in V, N and m/s^2.
+    """
+    logger = sensors.Logger(rate, 0.0, "none", 0.4, 24, noise, "white")
+    conditions = Conditions(case, seconds, logger, False, False)
+    settings = draw_settings(rng, recordings)
+    return record_campaign(rng, conditions, hidden, settings, dict(wrong or {}), f"case {case}", "plain")
 
 
 def _found(name: str, i: int):
@@ -310,9 +340,7 @@ def record_campaign(
         made = _with_gaps(rng, made)
     if group == "absorbed":
         stated = _absorbing(stated, true, [each.motion for each in made], settings)
-    campaign = Campaign(
-        title, "percussive-drill", stated, tuple(each.recording for each in made), Path(".")
-    )
+    campaign = Campaign(title, "percussive-drill", stated, tuple(each.recording for each in made), Path("."))
     return Made(campaign, _answer(conditions, hidden, settings, wrong, true, made, group), true, tuple(hidden))
 
 
@@ -419,9 +447,7 @@ def _absorbing(stated, true: Constants, motions: Sequence[Motion], settings: Seq
     shift = np.linalg.lstsq(np.vstack([design, held]), np.concatenate([missing, np.zeros(len(names))]), rcond=None)[0]
     fitted = {name: getattr(true, name) + float(by) for name, by in zip(names, shift, strict=True)}
     fitted["unloading_stiffness"] = max(fitted["unloading_stiffness"], 1.001 * fitted["loading_stiffness"])
-    return {
-        name: replace(each, value=fitted[name]) if name in fitted else each for name, each in stated.items()
-    }
+    return {name: replace(each, value=fitted[name]) if name in fitted else each for name, each in stated.items()}
 
 
 # --- The answer
@@ -452,7 +478,9 @@ def _answer(conditions, hidden, settings, wrong, true, made, group) -> dict[str,
         for each in hidden
     ]
     if conditions.gaps:
-        entries.append({"mechanism": MENDED_GAPS, "equation": "straight lines", "of_library": False, "parameters": {}, "law": None})
+        entries.append(
+            {"mechanism": MENDED_GAPS, "equation": "straight lines", "of_library": False, "parameters": {}, "law": None}
+        )
     return {
         "group": group,
         "verdict": _verdict(group),

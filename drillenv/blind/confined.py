@@ -18,7 +18,17 @@ import sys
 PEEKED, OUT_OF_TIME = 97, 98
 
 _PATHS = frozenset(
-    ("open", "os.listdir", "os.scandir", "os.chdir", "os.link", "os.symlink", "os.rename", "os.truncate", "shutil.copyfile")
+    (
+        "open",
+        "os.listdir",
+        "os.scandir",
+        "os.chdir",
+        "os.link",
+        "os.symlink",
+        "os.rename",
+        "os.truncate",
+        "shutil.copyfile",
+    )
 )
 _PROCESSES = ("subprocess.", "os.system", "os.exec", "os.fork", "os.posix_spawn", "os.spawn", "socket.connect")
 

@@ -17,7 +17,7 @@ from scipy import signal
 
 from drillenv.blind import laws, sensors
 from drillenv.blind.laws import PARAMETERS
-from drillenv.blind.mechanisms import MECHANISMS, Concealed, Equation
+from drillenv.blind.mechanisms import MECHANISMS, Concealed, Equation, of_library
 from drillenv.blind.rig import Motion
 
 Floats = NDArray[np.float64]
@@ -87,9 +87,6 @@ SHAPES: Mapping[str, Shape] = {
     "sensor-offset": Shape("channel: force 0, acceleration 1", "1", "noise", "channels"),
 }
 
-DEFAULTS = {"e": 1.0, "r": 0.1, "m_r": 50.0, "zeta_r": 0.05, "zeta_a": 0.02, "tau": 1.0, "soft_n": 1.0}
-"""What a parameter of the library is where a report does not state it."""
-
 
 def reference(motions: Sequence[Motion], frequencies: Sequence[float], statics: Sequence[float], drive: float,
               rate: float, loading_stiffness: float, stiffness: float) -> Reference:  # fmt: skip
@@ -128,9 +125,7 @@ def reference(motions: Sequence[Motion], frequencies: Sequence[float], statics: 
         "channels": (0.0, 1.0),
     }
     middle = float(np.median(depth[loading])) if loading.any() else 1e-5
-    return Reference(
-        loading_stiffness, stiffness, middle, float(np.mean(statics)), float(np.mean(gained)), ranges
-    )
+    return Reference(loading_stiffness, stiffness, middle, float(np.mean(statics)), float(np.mean(gained)), ranges)
 
 
 def arguments(mechanism: str, where: Reference) -> Floats:
@@ -186,9 +181,11 @@ def _law(place: int, code: int, p: Floats, x: float, where: Reference) -> float:
     if place == laws.LIMIT:
         return laws.limited(code, p, x) - x
     # air: the force lost to an advance too fast for the supply
-    return laws.air_force(code, p, p[0] * x, 0.0, where.static, 0.0)[0] if code in (1, 4) else laws.air_force(
-        code, p, x, 0.0, where.static, 0.0
-    )[0]
+    return (
+        laws.air_force(code, p, p[0] * x, 0.0, where.static, 0.0)[0]
+        if code in (1, 4)
+        else laws.air_force(code, p, x, 0.0, where.static, 0.0)[0]
+    )
 
 
 def _steady_mount(code: int, p: Floats, force: Floats) -> Floats:
@@ -224,7 +221,9 @@ def _reading(mechanism: str, p: Mapping[str, float], x: Floats, noise: tuple[flo
     return np.array([p["o_f"] / noise[1], p["o_a"] / noise[2]])
 
 
-def reported(finding: Mapping[str, Any], x: Floats, where: Reference, noise: tuple[float, float, float]) -> Floats | None:
+def reported(
+    finding: Mapping[str, Any], x: Floats, where: Reference, noise: tuple[float, float, float]
+) -> Floats | None:
     """The curve that a finding states at the arguments ``x``: its ``law``, or the library's equation with its parameters.
 
     None where it states neither, or too little of the range. Outside the range of a ``law`` the points are NaN.
@@ -239,14 +238,9 @@ def reported(finding: Mapping[str, Any], x: Floats, where: Reference, noise: tup
     name = finding["mechanism"]
     if name not in MECHANISMS:
         return None
-    equation = next(each for each in MECHANISMS[name].equations if each.of_library)
     stated = {symbol: float(entry["value"]) for symbol, entry in finding.get("parameters", {}).items()}
-    smooth = stated.get("vs1", 0.0) or stated.get("vs2", 0.0)
-    if smooth and equation.place is not None:  # the library rounds its friction over this speed
-        level = stated.get("fc1", stated.get("fc2", 0.0))
-        return curve(name, equation._replace(code=2), {"f": level, "v": smooth}, x, where, noise)
-    symbols = equation.draw(np.random.default_rng(0), 1.0, _ANY)
-    return curve(name, equation, {each: stated.get(each, DEFAULTS.get(each, 0.0)) for each in symbols}, x, where, noise)
+    same = of_library(name, **{symbol: value for symbol, value in stated.items() if not symbol.startswith("psi_")})
+    return curve(name, same.equation, same.parameters, x, where, noise)
 
 
 def law_error(mechanism: str, x: Floats, true: Floats, found: Floats) -> float:
@@ -261,14 +255,6 @@ def law_error(mechanism: str, x: Floats, true: Floats, found: Floats) -> float:
         true, found = left @ true, left @ found
     size = float(np.sqrt(np.mean(true**2)))
     return float(np.sqrt(np.mean((found - true) ** 2))) / size if size > 0.0 else math.inf
-
-
-class _Any(NamedTuple):
-    drive: float = 400.0
-    frequency: float = 100.0
-
-
-_ANY: Any = _Any()
 
 
 def law_of(each: Concealed, where: Reference, noise: tuple[float, float, float]) -> dict[str, Any] | None:

@@ -99,7 +99,9 @@ def _motion(place: int, code: int, name: str, draw: Draw, of_library: bool = Fal
     return Equation(name, draw, place, code, of_library=of_library)
 
 
-def _filter(channel: str, transfer: Callable[..., sensors.Transfer], name: str, draw: Draw, of_library: bool, *symbols: str):
+def _filter(
+    channel: str, transfer: Callable[..., sensors.Transfer], name: str, draw: Draw, of_library: bool, *symbols: str
+):
     return Equation(
         name,
         draw,
@@ -388,7 +390,10 @@ _LISTED = (
         (
             _motion(AIR, 1, "straight spring and leak", _drawn(k_a=_u(2e4, 1.5e5, True), tau=_u(0.1, 0.5)), True),
             _motion(
-                AIR, 2, "isothermal", lambda rng, share, site: {"l": rng.uniform(1.5e-3, 8e-3) / share, "tau": rng.uniform(0.1, 0.5)}
+                AIR,
+                2,
+                "isothermal",
+                lambda rng, share, site: {"l": rng.uniform(1.5e-3, 8e-3) / share, "tau": rng.uniform(0.1, 0.5)},
             ),
             _motion(
                 AIR,
@@ -396,9 +401,7 @@ _LISTED = (
                 "polytropic with a valve",
                 lambda rng, share, site: {"l": rng.uniform(1.5e-3, 8e-3) / share, "v_f": rng.uniform(2e-3, 6e-3)},
             ),
-            _motion(
-                AIR, 4, "two chambers", _drawn(k_a=_u(4e4, 1.5e5, True), tau_1=_u(0.03, 0.1), tau_2=_u(0.3, 1.0))
-            ),
+            _motion(AIR, 4, "two chambers", _drawn(k_a=_u(4e4, 1.5e5, True), tau_1=_u(0.03, 0.1), tau_2=_u(0.3, 1.0))),
         ),
     ),
     Mechanism(
@@ -446,7 +449,9 @@ _LISTED = (
     Mechanism(
         "accelerometer-lowpass",
         (
-            _filter("acceleration", sensors.first_order, "first order", _low_frequency(500, 4000, 1.0, "f_b"), True, "f_b"),
+            _filter(
+                "acceleration", sensors.first_order, "first order", _low_frequency(500, 4000, 1.0, "f_b"), True, "f_b"
+            ),
             _filter("acceleration", sensors.butterworth, "Butterworth", _low_frequency(800, 3500, 1.0), False, "f"),
             _filter("acceleration", sensors.bessel, "Bessel", _low_frequency(1000, 4000, 1.0), False, "f"),
             _filter("acceleration", sensors.two_stages, "two stages", _low_frequency(1000, 5000, 1.0), False, "f"),
@@ -469,8 +474,17 @@ _LISTED = (
         "channel-delay",
         (
             _reads(sensors.late_channel, "constant", _drawn(delay_a=_u(5e-5, 4e-4, True)), True),
-            _filter("acceleration", sensors.all_pass, "first-order all-pass", _low_frequency(900, 5000, 1.0), False, "f"),
-            _filter("acceleration", sensors.all_pass_two, "second-order all-pass", _low_frequency(1500, 7000, 1.0), False, "f"),
+            _filter(
+                "acceleration", sensors.all_pass, "first-order all-pass", _low_frequency(900, 5000, 1.0), False, "f"
+            ),
+            _filter(
+                "acceleration",
+                sensors.all_pass_two,
+                "second-order all-pass",
+                _low_frequency(1500, 7000, 1.0),
+                False,
+                "f",
+            ),
             _reads(sensors.late_at_random, "another in each recording", _drawn(delay_a=_u(5e-5, 4e-4, True))),
         ),
     ),
@@ -546,6 +560,35 @@ MENDED_GAPS = "mended gaps"
 def concealed(name: str, equation: Equation, rng: np.random.Generator, share: float, site: Site) -> Concealed:
     """A mechanism at a strength drawn for a site."""
     return Concealed(name, equation, MappingProxyType(equation.draw(rng, share, site)))
+
+
+_ANYWHERE = Site(400.0, 100.0)
+LEFT_OUT = MappingProxyType(
+    {"e": 1.0, "r": 0.1, "m_r": 50.0, "zeta_r": 0.05, "zeta_a": 0.02, "tau": 1.0, "soft_n": 1.0, "f_m": 50.0}
+)
+"""What a parameter of the library's equations is where it is not stated; others are 0."""
+
+
+def of_library(name: str, **stated: float) -> Concealed:
+    """A mechanism that follows the library's equation, with these parameters by the library's symbols.
+
+    Raises:
+        KeyError: no such mechanism or symbol.
+    """
+    equation = next(each for each in MECHANISMS[name].equations if each.of_library)
+    rounded = {"guide-friction": ("fc1", "vs1"), "indenter-friction": ("fc2", "vs2")}.get(name)
+    if rounded is not None and stated.get(rounded[1], 0.0) > 0.0:
+        equation = equation._replace(code=2)
+        return Concealed(name, equation, MappingProxyType({each: float(stated[each]) for each in rounded}))
+    symbols = list(equation.draw(np.random.default_rng(0), 1.0, _ANYWHERE))
+    more = {"channel-delay": ["delay_e", "delay_f"]}.get(name, [])
+    for each in stated:
+        if each not in (*symbols, *more, *(rounded or ())):
+            raise KeyError(f"{name} has no parameter {each}: it has {', '.join((*symbols, *more))}")
+    found = {each: float(stated.get(each, LEFT_OUT.get(each, 0.0))) for each in symbols}
+    return Concealed(
+        name, equation, MappingProxyType(found | {each: float(stated[each]) for each in more if each in stated})
+    )
 
 
 def kernel_parameters(each: Concealed, constants: Constants, controls: Controls) -> list[float]:

@@ -416,9 +416,7 @@ def _turned(given, physics, state, regime, origins):
     softer = given.kl / given.ku
     loading = regime == LOADING
     place = state[X2] - state[U]
-    bent = laws.elastic_depth(
-        physics.codes, physics.parameters, place - origins[0 if loading else 1], loading, softer
-    )
+    bent = laws.elastic_depth(physics.codes, physics.parameters, place - origins[0 if loading else 1], loading, softer)
     wanted = bent * softer if loading else bent / softer
     other = laws.depth_of(physics.codes, physics.parameters, wanted, not loading, softer)
     origins[1 if loading else 0] = place - other

@@ -185,8 +185,9 @@ def mass_in_contact(true: Signals, scene: Scene, p: Mapping[str, float]) -> Sign
 
 
 def late_channel(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals:
-    """The acceleration comes late."""
-    return true._replace(acceleration=delayed(true.acceleration, p["delay_a"], scene.rate))
+    """Channels come late, each by its own time; the acceleration unless said otherwise."""
+    late = (p.get("delay_e", 0.0), p.get("delay_f", 0.0), p["delay_a"])
+    return Signals(*(delayed(each, by, scene.rate) if by else each for each, by in zip(true, late, strict=True)))
 
 
 def late_at_random(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals:
@@ -256,7 +257,9 @@ class Logger(NamedTuple):
     """white, pink (white, and 1/f below a corner), or lines (white, and three weak lines)."""
 
 
-def log_signals(dense: Signals, step: float, first: int, every: int, logger: Logger, rng: np.random.Generator) -> Signals:
+def log_signals(
+    dense: Signals, step: float, first: int, every: int, logger: Logger, rng: np.random.Generator
+) -> Signals:
     """What the logger writes: filtered, every ``every``-th point from ``first`` on, with noise, in the steps of its converter.
 
     ``step`` is that of the dense grid in s.

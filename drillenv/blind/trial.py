@@ -81,7 +81,9 @@ def prove(
         work = [(name, _files(place / "campaigns" / name), str(place), limit) for name in waiting]
         for done, (name, files) in enumerate(mapper(work), start=1):
             outcome = _keep(place / "reports" / name, files)
-            say(f"{len(names) - len(waiting) + done} of {len(names)}: {name} {outcome['status']}, {outcome['seconds']:.0f} s")
+            say(
+                f"{len(names) - len(waiting) + done} of {len(names)}: {name} {outcome['status']}, {outcome['seconds']:.0f} s"
+            )
     record = mark_trial(place)
     _write(place / "trial.json", record)
     from drillenv.blind.page import page
@@ -140,7 +142,9 @@ def _begin(place: Path, wanted: Mapping[str, Any]) -> None:
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot make {shown(str(place))}: {error.strerror}; give a folder where you can write") from None
+        raise InputError(
+            f"cannot make {shown(str(place))}: {error.strerror}; give a folder where you can write"
+        ) from None
     _write(path, wanted)
 
 
@@ -267,7 +271,9 @@ def _read_report(folder: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
     except OSError as error:
         raise InputError(f"cannot read {shown(str(folder))}: {error.strerror}; run the trial to its end") from None
     if digest(data) != outcome["sha256"]:
-        raise InputError(f"the report in {shown(str(folder))} was changed after the diagnosis: delete the folder and run on")
+        raise InputError(
+            f"the report in {shown(str(folder))} was changed after the diagnosis: delete the folder and run on"
+        )
     return outcome, json.loads(data)
 
 
