@@ -126,6 +126,7 @@ def _parser() -> Parser:
         ("sweep", _add_sweep, "the motions along a control or the rock's stiffness: a bifurcation diagram"),
         ("atlas", _add_atlas, "where one impact a period exists, over frequency, amplitude and pressure"),
         ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
+        ("prove", _add_prove, "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
     ):
         command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
@@ -250,6 +251,26 @@ def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
     _add_json(parser)
     parser.set_defaults(run=_diagnose)
+
+
+def _add_prove(parser: Parser) -> None:
+    note = "folder of the trial; made if it is not there, and gone on with if it holds this very trial"
+    parser.add_argument("--out", required=True, metavar="DIR", help=note)
+    note = "all randomness comes from it (default 1); one that nobody has looked at makes the trial blind"
+    parser.add_argument("--seed", type=_whole_number, default=1, metavar="N", help=note)
+    note = "how many campaigns (default 60); with --curves, for each mechanism and strength (default 4)"
+    parser.add_argument("--campaigns", type=_whole_number, metavar="N", help=note)
+    note = "campaigns diagnosed side by side (default: as many as there are cores)"
+    parser.add_argument("--jobs", type=_whole_number, metavar="N", help=note)
+    note = "processor seconds for each diagnosis; past that it has given no answer (default 300)"
+    parser.add_argument("--limit", type=_number, default=300.0, metavar="S", help=note)
+    parser.add_argument("--cluster", metavar="ADDRESS", help="address of a Ray cluster that diagnoses, or local")
+    note = "measure detection curves instead: each mechanism alone, from its full strength downwards"
+    parser.add_argument("--curves", action="store_true", help=note)
+    note = "check a finished trial in DIR instead: its seal, its reports, its marks, and N diagnoses made again"
+    parser.add_argument("--check", type=_whole_number, metavar="N", help=note)
+    _add_json(parser)
+    parser.set_defaults(run=_prove)
 
 
 def _add_paper(parser: Parser) -> None:
@@ -531,11 +552,7 @@ def _axes(points: Sequence[int] | None) -> dict[str, Any]:
 
 
 def _diagnose(given: argparse.Namespace) -> None:
-    if not given.out.strip():
-        raise InputError("--out is empty: give the name of a folder")
-    folder = Path(given.out)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"--out is {shown(given.out)}, which is a file: give the name of a folder")
+    folder = _folder_option(given.out)
     from drillenv.diagnosis.report import diagnose
 
     note = (lambda text: print(text, file=sys.stderr, flush=True)) if _progress() else None
@@ -548,12 +565,40 @@ def _diagnose(given: argparse.Namespace) -> None:
     print(f"wrote report.html, report.json and model.json to {folder}")
 
 
-def _paper(given: argparse.Namespace) -> None:
-    if not given.out.strip():
+def _prove(given: argparse.Namespace) -> None:
+    folder = _folder_option(given.out)
+    from drillenv.blind import trial
+
+    def note(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    if given.check is not None:
+        trial.check_trial(folder, count("--check", given.check, 0, 10_000), given.jobs, note)
+        print("the trial is what its seed and the diagnosis give")
+        return
+    campaigns = given.campaigns if given.campaigns is not None else (4 if given.curves else 60)
+    record = trial.prove(folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, note)
+    if given.json:
+        _print_json(record)
+        return
+    for name, group in record["summary"]["groups"].items():
+        right, named = group["right"], group["named"]
+        print(f"{name:<22}  right {right['hits']:>3} of {right['of']:<3}  named {named['hits']:>3}")
+    print(f"wrote trial.json and trial.html to {folder}")
+
+
+def _folder_option(out: str) -> Path:
+    """The folder that --out names."""
+    if not out.strip() or "\0" in out:
         raise InputError("--out is empty: give the name of a folder")
-    folder = Path(given.out)
+    folder = Path(out)
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"--out is {shown(given.out)}, which is a file: give the name of a folder")
+        raise InputError(f"--out is {shown(out)}, which is a file: give the name of a folder")
+    return folder
+
+
+def _paper(given: argparse.Namespace) -> None:
+    folder = _folder_option(given.out)
     made = _make_folder(folder)
     try:
         check_writable(folder / "published.json")

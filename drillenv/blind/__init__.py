@@ -1,7 +1,7 @@
 """The blind trial: a rig of its own conceals physics, and the diagnosis has to find it.
 
-This room shares no equation, table or integrator with ``drillenv.dynamics`` and ``drillenv.diagnosis`` (a test walks its
-imports). It reaches the diagnosis through one door only: the command ``drillenv diagnose``, run on campaign folders.
+This room shares no equation, table or integrator with ``drillenv.dynamics`` and ``drillenv.diagnosis`` (a test walks
+its imports). It reaches the diagnosis by the command ``drillenv diagnose`` only, run on campaign folders.
 
     laws          constitutive equations, one function each
     rig           the equations of motion, integrated at 200 kHz with located switches
@@ -11,6 +11,8 @@ imports). It reaches the diagnosis through one door only: the command ``drillenv
     seal          the answers, sealed with SHA-256
     confined      the process in which one diagnosis runs
     trial         the whole trial, resumable
+    curves        what was missing as a function of its argument, as the marking compares it
     marking       the marks, by the rules of docs/trial/rules.md
+    detection     the share of campaigns in which a mechanism is named against its strength
     page          trial.html
 """

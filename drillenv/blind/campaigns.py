@@ -15,7 +15,6 @@ from drillenv.blind.laws import RATTLE
 from drillenv.blind.mechanisms import (
     MECHANISMS,
     MENDED_GAPS,
-    NAMED_BY_FORMAT,
     OUTSIDE,
     Concealed,
     Site,
@@ -84,6 +83,8 @@ GROUPS = {
     "slow": 2,
 }
 """Groups of campaigns, and how many of each 60 are of each."""
+STRENGTHS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
+"""Shares of the full strength at which a detection curve is measured."""
 
 
 class Conditions(NamedTuple):
@@ -131,7 +132,17 @@ def schedule(campaigns: int) -> list[str]:
     return [name for name in GROUPS for _ in range(count[name])]
 
 
-def plan(seed: int, campaigns: int) -> list[tuple[str, list[tuple[str, int]]]]:
+class Planned(NamedTuple):
+    """What a campaign is to conceal."""
+
+    group: str
+    cards: list[tuple[str, int]]
+    """Mechanisms, and the index of the equation that each follows."""
+    share: float | None = None
+    """Of the full strength; that of the group where None."""
+
+
+def plan(seed: int, campaigns: int) -> list[Planned]:
     """For each campaign its group and the mechanisms with the equations that it conceals, dealt from shuffled decks.
 
     So that few campaigns cover many mechanisms, each deck is dealt to its end before it is shuffled again.
@@ -167,14 +178,27 @@ def plan(seed: int, campaigns: int) -> list[tuple[str, list[tuple[str, int]]]]:
             dealt = [deal("forces")]
         else:
             dealt = [deal("library" if group == "library-equation" else "any")]
-        planned.append((group, dealt))
+        planned.append(Planned(group, dealt))
+    return planned
+
+
+def plan_curves(seed: int, repeats: int) -> list[Planned]:
+    """For each mechanism and strength so many campaigns, of one equation after the other in a shuffled order."""
+    rng = np.random.default_rng((seed, 0))
+    planned = []
+    for name, mechanism in MECHANISMS.items():
+        order = rng.permutation(len(mechanism.equations))
+        for share in STRENGTHS:
+            for i in range(repeats):
+                planned.append(Planned("curve", [(name, int(order[i % order.size]))], share))
     return planned
 
 
 def _deck(name: str) -> list[tuple[str, int]]:
     """The cards of a deck: mechanisms with the index of an equation."""
     if name == "outside":
-        return [(key, i) for key, each in OUTSIDE.items() for i in range(len(each.equations))][:] + [(MENDED_GAPS, 0)]
+        listed = [(key, i) for key, each in OUTSIDE.items() for i in range(len(each.equations))]
+        return [*listed, (MENDED_GAPS, 0)]
     cards = [(key, i) for key, each in MECHANISMS.items() for i in range(len(each.equations))]
 
     def has(card: tuple[str, int]) -> bool:
@@ -190,17 +214,14 @@ def _deck(name: str) -> list[tuple[str, int]]:
     return [card for card in cards if has(card)]
 
 
-def make_campaign(
-    seed: int, index: int, group: str, cards: Sequence[tuple[str, int]], share: float | None = None
-) -> Made:
+def make_campaign(seed: int, index: int, planned: Planned) -> Made:
     """Draw and record one campaign of a trial.
 
     Args:
         seed, index: Of the trial, and of the campaign in it; together they give all randomness.
-        group: One of ``GROUPS``.
-        cards: Mechanisms and the index of the equation that each follows.
-        share: Of the full strength; that of the group where not given.
+        planned: What it conceals.
     """
+    group, cards, share = planned
     rng = np.random.default_rng((seed, 1, index))
     conditions = draw_conditions(rng, group, gaps=any(name == MENDED_GAPS for name, _ in cards))
     if share is None:
@@ -211,7 +232,8 @@ def make_campaign(
     hidden = tuple(
         concealed(*_found(name, i), rng=rng, share=share, site=site) for name, i in cards if name != MENDED_GAPS
     )
-    return record_campaign(rng, conditions, hidden, settings, wrong, f"campaign {index + 1}", group)
+    made = record_campaign(rng, conditions, hidden, settings, wrong, f"campaign {index + 1}", group)
+    return replace(made, answer={**made.answer, "share": share}) if group == "curve" else made
 
 
 def plain_campaign(
@@ -511,9 +533,3 @@ def _missing(made: Sequence[_Recorded], noise: Sequence[float]) -> dict[str, flo
     for i, name in enumerate(sensors.Signals._fields):
         found[f"{name}_reading"] = float(np.sqrt(np.mean([each.misread[i][0] ** 2 for each in made])))
     return found
-
-
-def may_be_unexplained(answer: Mapping[str, Any]) -> bool:
-    """Whether ``unexplained`` is a right verdict: all that is concealed is outside the library."""
-    names = [each["mechanism"] for each in answer["mechanisms"]]
-    return answer["group"] == "outside" or bool(names) and all(name in NAMED_BY_FORMAT for name in names)

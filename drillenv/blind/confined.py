@@ -3,8 +3,8 @@
     python -m drillenv.blind.confined CAMPAIGN OUT TRIAL SECONDS
 
 runs ``drillenv diagnose CAMPAIGN --out OUT`` under an audit hook (PEP 578) that ends the process with the exit code
-``PEEKED`` where it opens, lists or links anything under TRIAL, imports another module of this room, starts a process or
-opens a connection. SECONDS bounds its processor time. What native code opens without Python's knowledge the hook does not
+``PEEKED`` where it opens, lists or links anything under TRIAL, imports a module of this room, starts a process or opens
+a connection. SECONDS bounds its processor time. What native code opens without Python's knowledge the hook does not
 see; the reports can be made again from the seed by anyone who doubts them.
 """
 

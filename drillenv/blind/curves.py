@@ -1,8 +1,8 @@
 """What was missing, as a function of its argument: the curve that a finding has to agree with.
 
-Each mechanism has one argument and one quantity, the others held at a reference value; docs/trial/rules.md lists them. What
-the rig's own constants can take up, such as the straight part of a spring's force, is no part of the comparison: it is
-projected out of both curves.
+Each mechanism has one argument and one quantity, the others held at a reference value; docs/trial/rules.md lists them.
+What the rig's own constants can take up, such as the straight part of a spring's force, is no part of the comparison:
+it is projected out of both curves.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from drillenv.blind import laws, sensors
+from drillenv.blind import laws
 from drillenv.blind.laws import PARAMETERS
 from drillenv.blind.mechanisms import MECHANISMS, Concealed, Equation, of_library
 from drillenv.blind.rig import Motion
@@ -29,7 +29,7 @@ LEAST_COVER = 0.8
 
 
 class Reference(NamedTuple):
-    """Where the arguments that a curve does not show are held, and the ranges that the recordings visit (1 % to 99 %)."""
+    """Where arguments that a curve does not show are held, and the ranges that the recordings visit (1 % to 99 %)."""
 
     loading_stiffness: float
     """N/m, the true one."""
@@ -204,7 +204,9 @@ def _response(mechanism: str, equation: Equation, parameters: Mapping[str, float
     """Gain less 1 over the frequency, or, of a delay, the time by which a frequency is late."""
     assert equation.transfer is not None
     make, names = equation.transfer
-    _, h = signal.freqs(*make(*(parameters[name] for name in names)), worN=2.0 * math.pi * f)
+    above, over = make(*(parameters[name] for name in names))
+    s = 2j * math.pi * f
+    h = np.polyval(above, s) / np.polyval(over, s)
     if mechanism == "channel-delay":
         return -np.unwrap(np.angle(h)) / (2.0 * math.pi * f)
     return np.abs(h) - 1.0
@@ -224,7 +226,7 @@ def _reading(mechanism: str, p: Mapping[str, float], x: Floats, noise: tuple[flo
 def reported(
     finding: Mapping[str, Any], x: Floats, where: Reference, noise: tuple[float, float, float]
 ) -> Floats | None:
-    """The curve that a finding states at the arguments ``x``: its ``law``, or the library's equation with its parameters.
+    """The curve that a finding states at ``x``: its ``law``, or the library's equation with its parameters.
 
     None where it states neither, or too little of the range. Outside the range of a ``law`` the points are NaN.
     """

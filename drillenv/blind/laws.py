@@ -1,7 +1,7 @@
-"""Constitutive equations of the concealed rig, one function for each place in which it can depart from the paper's model.
+"""Constitutive equations of the concealed rig, one function for each place where it can depart from the paper's model.
 
-Each function takes ``code``, the equation to follow (0: none), and ``p``, its parameters (8 numbers in SI, unused ones 0).
-The catalogue (:mod:`drillenv.blind.mechanisms`) says what the parameters are called and where an equation comes from.
+Each function takes ``code``, the equation to follow (0: none), and ``p``, its parameters (8 numbers in SI, the unused
+ones 0). The catalogue (:mod:`drillenv.blind.mechanisms`) says what the parameters are called.
 """
 
 from __future__ import annotations

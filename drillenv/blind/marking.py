@@ -42,6 +42,7 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
     names = [each["mechanism"] for each in answer["mechanisms"]]
     made: dict[str, Any] = {
         "group": answer["group"],
+        "share": answer.get("share"),
         "truth": [f"{each['mechanism']} ({each['equation']})" for each in answer["mechanisms"]],
         "wrong": dict(answer["wrong"]),
         "missing": answer["missing"],
@@ -54,7 +55,7 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
         "named": False,
     }
     if report is None:
-        return made | {"mechanisms": {name: "no answer" for name in names}, "false": [], "laws": {}, "intervals": []}
+        return made | {"mechanisms": dict.fromkeys(names, "no answer"), "false": [], "laws": {}, "intervals": []}
     findings = report["findings"] if report["verdict"] == "missing-physics" else []
     matched = {name: _finding_of(name, findings) for name in names}
     used = [id(each) for each in matched.values() if each is not None]
@@ -120,8 +121,6 @@ def _named(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
         if MENDED_GAPS in made["mechanisms"]:
             return verdict != "missing-physics"
         return verdict == "unexplained" or (verdict == "missing-physics" and found)
-    if answer.get("absent"):
-        return verdict in ("agrees", "parameters")
     return verdict == "missing-physics" and found
 
 

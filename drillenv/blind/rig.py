@@ -203,7 +203,7 @@ def move(
     )
     state = np.zeros(STATES)
     state[S] = resting_shortening(constants, given.static, physics)
-    kept = int(math.floor(seconds / step * (1.0 + 1e-12))) + 1
+    kept = math.floor(seconds / step * (1.0 + 1e-12)) + 1
     table = np.empty((kept, len(COLUMNS)))
     good = _integrate(given, physics, state, step, before, table)
     if not good:
@@ -326,7 +326,7 @@ def _mount(physics, state, rock, rates):
 
 @njit(cache=True)
 def _rates(given, physics, t, state, regime, origins, factor, slides, rates, row):
-    """Time derivatives of the state; into ``row`` what a sample shows; returns the forces that would move stuck masses."""
+    """Time derivatives of the state, and into ``row`` what a sample shows; returns the forces on masses that stick."""
     codes, p = physics.codes, physics.parameters
     v2, s, sv = state[V2], state[S], state[SV]
     v1 = v2 + sv
@@ -424,7 +424,7 @@ def _turned(given, physics, state, regime, origins):
 
 @njit(cache=True)
 def _switch(given, physics, t, state, contact, origins, slides, work, row):
-    """Carry out what :func:`_crossed` found. ``contact``: regime, factor on the stiffness, impacts, contacts, chipped."""
+    """Carry out what :func:`_crossed` found. ``contact``: regime, stiffness factor, impacts, contacts, chipped."""
     codes, p = physics.codes, physics.parameters
     into, place, regime = state[V2] - state[W], state[X2] - state[U], int(contact[0])
     if regime == FREE and place > origins[0]:

@@ -28,9 +28,18 @@ def digest_of_folder(folder: Path) -> str:
     return made.hexdigest()
 
 
+def _written(answers: Sequence[dict[str, Any]]) -> bytes:
+    return (json.dumps(list(answers), indent=1, allow_nan=False) + "\n").encode()
+
+
+def answers_digest(answers: Sequence[dict[str, Any]]) -> str:
+    """The SHA-256 under which such answers would be sealed."""
+    return digest(_written(answers))
+
+
 def seal(folder: Path, answers: Sequence[dict[str, Any]]) -> str:
     """Write the answers into a trial's folder, readable only by its owner, and return their SHA-256."""
-    data = (json.dumps(list(answers), indent=1, allow_nan=False) + "\n").encode()
+    data = _written(answers)
     with whole(folder / ANSWERS) as part:
         part.write_bytes(data)
     os.chmod(folder / ANSWERS, 0o400)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,12 @@ Transfer = tuple[list[float], list[float]]
 
 
 def filtered(x: Floats, transfer: Transfer, scene: Scene) -> Floats:
-    """The output of a linear filter that had settled on the signal's mean (or on 0, from rest) before the first sample."""
+    """The output of a linear filter that had settled on the signal's mean (from rest: on 0) before the first sample."""
     # in time steps instead of seconds, so that coefficients of high powers are of one size
     over = np.asarray(transfer[1])
     scales = scene.rate ** (np.arange(over.size)[::-1] - (over.size - 1.0))
     above = np.asarray(transfer[0]) * scales[over.size - len(transfer[0]) :]
-    discrete = signal.cont2discrete((above, over * scales), 1.0, method="foh")
+    discrete: Any = signal.cont2discrete((above, over * scales), 1.0, method="foh")
     b, a = np.atleast_1d(np.squeeze(discrete[0])), np.atleast_1d(discrete[1])
     if scene.from_rest:
         return np.asarray(signal.lfilter(b, a, x))
@@ -113,7 +113,8 @@ def two_stages(f: float) -> Transfer:
 
 def bessel(f: float) -> Transfer:
     """A Bessel low-pass of fourth order, 3 dB down at ``f``."""
-    b, a = signal.bessel(4, 2.0 * math.pi * f, analog=True, norm="mag")
+    made: Any = signal.bessel(4, 2.0 * math.pi * f, analog=True, norm="mag")
+    b, a = made
     return list(np.atleast_1d(b)), list(a)
 
 
@@ -260,7 +261,7 @@ class Logger(NamedTuple):
 def log_signals(
     dense: Signals, step: float, first: int, every: int, logger: Logger, rng: np.random.Generator
 ) -> Signals:
-    """What the logger writes: filtered, every ``every``-th point from ``first`` on, with noise, in the steps of its converter.
+    """What the logger writes: every ``every``-th point from ``first`` on, filtered, noisy, in its converter's steps.
 
     ``step`` is that of the dense grid in s.
     """
@@ -281,7 +282,8 @@ def _anti_aliased(x: Floats, rate: float, logger: Logger) -> Floats:
         state = signal.sosfilt_zi(sos) * x[0]
         return np.asarray(signal.sosfilt(sos, x, zi=state)[0])
     taps = 2 * int(8.0 * rate / logger.rate) + 1
-    kernel = signal.firwin(taps, corner, fs=rate, window=("kaiser", 8.0))
+    window: Any = ("kaiser", 8.0)
+    kernel = signal.firwin(taps, corner, fs=rate, window=window)
     held = np.concatenate([np.full(taps // 2, x[0]), x, np.full(taps // 2, x[-1])])
     return signal.fftconvolve(held, kernel, mode="valid")
 

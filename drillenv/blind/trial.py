@@ -20,9 +20,10 @@ from typing import Any
 
 import drillenv
 from drillenv.blind import marking
-from drillenv.blind.campaigns import make_campaign, plan
+from drillenv.blind.campaigns import Planned, make_campaign, plan, plan_curves
 from drillenv.blind.confined import PEEKED
-from drillenv.blind.seal import digest, digest_of_folder, seal, sealed, unseal
+from drillenv.blind.detection import detection_curves
+from drillenv.blind.seal import answers_digest, digest, digest_of_folder, seal, sealed, unseal
 from drillenv.checks import InputError, count, number, shown
 from drillenv.files import whole
 from drillenv.recordings import write_campaign
@@ -42,6 +43,7 @@ def prove(
     jobs: int | None = None,
     limit: float = LIMIT,
     cluster: str | None = None,
+    curves: bool = False,
     note: Note | None = None,
 ) -> dict[str, Any]:
     """Run a blind trial, or go on with one that was interrupted, and write ``trial.json`` and ``trial.html``.
@@ -49,10 +51,11 @@ def prove(
     Args:
         folder: Of the trial; made where there is none.
         seed: All randomness comes from it.
-        campaigns: How many, 1 to 10,000.
+        campaigns: How many, 1 to 10,000; of detection curves, for each mechanism and strength.
         jobs: Campaigns made and diagnosed side by side; as many as there are cores where not given.
         limit: s of processor time for each diagnosis.
         cluster: Address of a Ray cluster that diagnoses, or "local".
+        curves: Measure detection curves: each mechanism alone, at strengths from full downwards.
         note: Told what happens.
 
     Returns:
@@ -69,28 +72,35 @@ def prove(
     workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
     say = note if note is not None else _silent
     wanted = {"format": FORMAT, "seed": seed, "campaigns": campaigns, "limit": limit, "version": drillenv.__version__}
+    if curves:
+        wanted["curves"] = True
     _begin(place, wanted)
+    planned = _planned(wanted)
     hash_of_answers = sealed(place)
     if hash_of_answers is None:
-        say(f"making {campaigns} campaigns")
-        hash_of_answers = _make(place, seed, campaigns, workers, say)
+        say(f"making {len(planned)} campaigns")
+        hash_of_answers = seal(place, _make(place / "campaigns", seed, planned, workers, say))
     say(f"answers sealed: SHA-256 {hash_of_answers}")
-    names = [_name(i) for i in range(campaigns)]
+    names = [_name(i) for i in range(len(planned))]
     waiting = [name for name in names if not (place / "reports" / name / "outcome.json").exists()]
     with _mapper(workers, cluster) as mapper:
         work = [(name, _files(place / "campaigns" / name), str(place), limit) for name in waiting]
         for done, (name, files) in enumerate(mapper(work), start=1):
             outcome = _keep(place / "reports" / name, files)
-            say(
-                f"{len(names) - len(waiting) + done} of {len(names)}: {name} {outcome['status']}, {outcome['seconds']:.0f} s"
-            )
+            number_of = len(names) - len(waiting) + done
+            say(f"{number_of} of {len(names)}: {name} {outcome['status']}, {outcome['seconds']:.0f} s")
     record = mark_trial(place)
-    _write(place / "trial.json", record)
+    publish(place, record)
+    return record
+
+
+def publish(place: Path, record: Mapping[str, Any]) -> None:
+    """Write trial.json and trial.html into a trial's folder."""
     from drillenv.blind.page import page
 
+    _write(place / "trial.json", record)
     with whole(place / "trial.html") as part:
         part.write_text(page(record, place), encoding="utf-8")
-    return record
 
 
 def mark_trial(place: Path) -> dict[str, Any]:
@@ -116,8 +126,61 @@ def mark_trial(place: Path) -> dict[str, Any]:
         "answers_sha256": expected,
         "python": platform.python_version(),
         "summary": marking.summary(marks),
+        **({"curves": detection_curves(marks)} if wanted.get("curves") else {}),
         "marks": marks,
     }
+
+
+def check_trial(
+    folder: str | os.PathLike[str], again: int = 0, jobs: int | None = None, note: Note | None = None
+) -> None:
+    """Check a finished trial: make its campaigns again from the seed, mark it again, and diagnose some campaigns again.
+
+    Args:
+        folder: Of the trial.
+        again: How many campaigns are diagnosed again, evenly spread; their verdicts and findings have to be the same.
+        jobs, note: As for :func:`prove`.
+
+    Raises:
+        InputError: answers, campaigns, reports or marks are not what the seed and the diagnosis give.
+    """
+    place, say = Path(folder).resolve(), note if note is not None else _silent
+    record = mark_trial(place)
+    try:
+        published = json.loads((place / "trial.json").read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"cannot read trial.json in {shown(str(place))}: {error.strerror}; run the trial first"
+        ) from None
+    if json.loads(json.dumps(record["marks"])) != published["marks"]:
+        raise InputError(f"trial.json in {shown(str(place))} does not say what the reports come to: it was changed")
+    planned = _planned(record)
+    workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
+    say(f"making {len(planned)} campaigns again")
+    with tempfile.TemporaryDirectory(prefix="trial-") as temporary:
+        answers = _make(Path(temporary, "campaigns"), record["seed"], planned, workers, say)
+    if answers_digest(answers) != record["answers_sha256"]:
+        raise InputError(
+            f"the answers in {shown(str(place))} are not those of seed {record['seed']}: they were changed"
+        )
+    chosen = [_name(round(i * (len(planned) - 1) / max(again - 1, 1))) for i in range(min(again, len(planned)))]
+    for name in dict.fromkeys(chosen):
+        say(f"diagnosing {name} again")
+        files = diagnose_files(name, _files(place / "campaigns" / name), str(place), record["limit"])[1]
+        outcome, report = _read_report(place / "reports" / name)
+        if json.loads(files["outcome.json"])["status"] != outcome["status"] or (
+            report is not None and _said(json.loads(files["report.json"])) != _said(report)
+        ):
+            raise InputError(f"the diagnosis of {name} now says something else than the report kept of it")
+
+
+def _said(report: Mapping[str, Any]) -> tuple[str, list[str]]:
+    return report["verdict"], [each["mechanism"] for each in report["findings"]]
+
+
+def _planned(wanted: Mapping[str, Any]) -> list[Planned]:
+    """The campaigns of a trial, by its plan."""
+    return (plan_curves if wanted.get("curves") else plan)(wanted["seed"], wanted["campaigns"])
 
 
 def _silent(text: str) -> None:
@@ -156,27 +219,24 @@ def _write(path: Path, record: Any) -> None:
 # --- Making
 
 
-def _make(place: Path, seed: int, campaigns: int, workers: int, say: Note) -> str:
-    """Make all campaigns, and seal their answers."""
-    shutil.rmtree(place / "campaigns", ignore_errors=True)
-    (place / "campaigns").mkdir()
-    planned = plan(seed, campaigns)
+def _make(place: Path, seed: int, planned: Sequence[Planned], workers: int, say: Note) -> list[dict[str, Any]]:
+    """Make all campaigns in a folder, and give their answers."""
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
     answers: list[dict[str, Any]] = [{} for _ in planned]
     with ProcessPoolExecutor(workers) as pool:
-        jobs = {
-            pool.submit(_make_one, str(place), seed, i, group, cards): i for i, (group, cards) in enumerate(planned)
-        }
+        jobs = {pool.submit(_make_one, str(place), seed, i, each): i for i, each in enumerate(planned)}
         for done, job in enumerate(as_completed(jobs), start=1):
             answers[jobs[job]] = job.result()
             if done % 10 == 0:
                 say(f"made {done} of {len(planned)}")
-    return seal(place, answers)
+    return answers
 
 
-def _make_one(place: str, seed: int, i: int, group: str, cards: Sequence[tuple[str, int]]) -> dict[str, Any]:
+def _make_one(place: str, seed: int, i: int, planned: Planned) -> dict[str, Any]:
     """Make one campaign, and give its answer with the digest of its folder."""
-    made = make_campaign(seed, i, group, cards)
-    target = Path(place) / "campaigns" / _name(i)
+    made = make_campaign(seed, i, planned)
+    target = Path(place) / _name(i)
     campaign = made.campaign
     file_format = ("csv", "h5")[i % 2]
     write_campaign(target, campaign.title, campaign.rig, campaign.nominal, campaign.recordings, file_format)
@@ -204,7 +264,7 @@ def diagnose_files(name: str, files: Files, trial: str, limit: float) -> tuple[s
         for each, data in files.items():
             (campaign / each).write_bytes(data)
         command = [sys.executable, "-m", "drillenv.blind.confined", str(campaign), str(out), trial, str(limit)]
-        threads = {key: "1" for key in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         begin = time.monotonic()
         with open(Path(temporary, "said"), "wb") as said:
             process = subprocess.Popen(
