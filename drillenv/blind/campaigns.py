@@ -128,7 +128,8 @@ def schedule(campaigns: int) -> list[str]:
         for name in order[: campaigns - sum(count.values())]:
             count[name] += 1
     while sum(count.values()) > campaigns:
-        count[max(count, key=lambda name: count[name] - exact[name])] -= 1
+        # a group of one is kept
+        count[max(count, key=lambda name: (count[name] > 1, count[name] - exact[name]))] -= 1
     return [name for name in GROUPS for _ in range(count[name])]
 
 

@@ -1,0 +1,228 @@
+"""Each rule of docs/trial/rules.md, on answers and reports made by hand."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from drillenv.blind import curves, detection, marking
+from drillenv.blind.campaigns import GROUPS, Planned, make_campaign, plan, plan_curves, schedule
+from drillenv.blind.mechanisms import MECHANISMS, Concealed, Site, of_library
+
+OUTCOME = {"status": "answered", "seconds": 10.0, "memory_mib": 300.0}
+MISSING = dict.fromkeys(detection.UNITS, 0.0)
+CONSTANTS = {"damping": 2450.0, "stiffness": 68850.0}
+RANGES = {
+    "into": (0.001, 0.3),
+    "depth": (0.0, 1e-4),
+    "shortening": (2e-3, 4e-3),
+    "closing": (-0.2, 0.2),
+    "v1": (-3e-3, 5e-3),
+    "signal": (50.0, 4000.0),
+    "drive": (-600.0, 600.0),
+}
+WHERE = curves.Reference(21.4e6, 68850.0, 5e-5, 200.0, 2e-5, RANGES)
+NOISE = (0.002, 5.0, 2.0)
+
+
+def answer(group, *concealed, wrong=None):
+    entries = [
+        {
+            "mechanism": each.mechanism,
+            "equation": each.equation.name,
+            "of_library": each.equation.of_library,
+            "parameters": dict(each.parameters),
+            "law": curves.law_of(each, WHERE, NOISE),
+        }
+        for each in concealed
+    ]
+    verdicts = {"null": "agrees", "wrong-constant": "parameters", "outside": "unexplained"}
+    return {
+        "group": group,
+        "verdict": verdicts.get(group, "missing-physics"),
+        "mechanisms": entries,
+        "wrong": wrong or {},
+        "true": CONSTANTS | (wrong or {}),
+        "missing": MISSING,
+        "reference": WHERE._asdict(),
+        "conditions": {"noise": NOISE},
+    }
+
+
+def report(verdict, *findings, parameters=None, held_out=1.0):
+    return {
+        "verdict": verdict,
+        "where": {"summary": "Somewhere."},
+        "findings": list(findings),
+        "parameters": parameters or {},
+        "fit": {"noise_floor": 1.0, "held_out": {"before": 3.0, "after": held_out}},
+    }
+
+
+def finding(name, equivalents=(), law=None, **values):
+    made = {
+        "mechanism": name,
+        "equivalents": list(equivalents),
+        "parameters": {
+            symbol: {"value": value, "std": 0.05 * abs(value), "unit": "1"} for symbol, value in values.items()
+        },
+    }
+    return made | ({"law": law} if law else {})
+
+
+def mark(answer, report):
+    made = marking.mark(json.loads(json.dumps(answer)), OUTCOME, report)
+    json.dumps(made, allow_nan=False)
+    return made
+
+
+HUNT_CROSSLEY = of_library("contact-rate", chi=0.5)
+KELVIN_VOIGT = Concealed("contact-rate", MECHANISMS["contact-rate"].equations[1], {"c_r": 400.0})
+
+
+def test_no_answer_is_not_right():
+    made = marking.mark(answer("null"), OUTCOME | {"status": "out of time"}, None)
+    assert not made["right"] and made["verdict"] is None
+
+
+@pytest.mark.parametrize(
+    ("verdict", "right"), [("agrees", True), ("unexplained", False), ("missing-physics", False), ("parameters", True)]
+)
+def test_nothing_missing(verdict, right):
+    findings = [finding("mains-hum", b_f=3.0)] if verdict == "missing-physics" else []
+    made = mark(answer("null"), report(verdict, *findings))
+    assert made["right"] == right
+    summed = marking.summary([made])
+    assert summed["false_alarms"]["hits"] == (verdict == "missing-physics")
+
+
+@pytest.mark.parametrize(("value", "std", "right"), [(3000.0, 1.0, True), (3100.0, 1.0, False), (3100.0, 40.0, True)])
+def test_a_constant_has_to_be_right(value, std, right):
+    stated = {"damping": {"value": value, "std": std, "unit": "N*s/m"}}
+    made = mark(answer("wrong-constant", wrong={"damping": 3000.0}), report("parameters", parameters=stated))
+    assert made["right"] == right
+
+
+def test_the_wrong_constant_has_to_be_among_those_stated():
+    stated = {"stiffness": {"value": 68850.0, "std": 1.0, "unit": "N/m"}}
+    assert not mark(answer("wrong-constant", wrong={"damping": 3000.0}), report("parameters", parameters=stated))[
+        "right"
+    ]
+
+
+def test_the_librarys_equation():
+    made = mark(answer("library-equation", HUNT_CROSSLEY), report("missing-physics", finding("contact-rate", chi=0.51)))
+    assert made["right"] and made["mechanisms"] == {"contact-rate": "named"}
+    assert made["laws"]["contact-rate"] == pytest.approx(0.02)
+    assert [each["inside"] for each in made["intervals"]] == [True]
+
+
+@pytest.mark.parametrize(("others", "right"), [(2, True), (3, False)])
+def test_an_equivalence_class_has_at_most_three_members(others, right):
+    names = ["contact-rate", "mains-hum", "air-spring"][:others]
+    made = mark(
+        answer("library-equation", HUNT_CROSSLEY), report("missing-physics", finding("contact-toe", names, h=1e-5))
+    )
+    assert made["named"] == right
+    assert made["mechanisms"]["contact-rate"] == ("in a class" if right else "something else")
+
+
+def test_a_second_mechanism_that_is_not_there_is_false():
+    found = [finding("contact-rate", chi=0.5), finding("mains-hum", b_f=9.0)]
+    made = mark(answer("library-equation", HUNT_CROSSLEY), report("missing-physics", *found))
+    assert made["false"] == ["mains-hum"] and not made["named"] and made["intervals"] == []
+
+
+@pytest.mark.parametrize(("factor", "right"), [(1.0, True), (1.08, True), (1.2, False)])
+def test_another_equation_has_to_agree_as_a_force(factor, right):
+    truth = answer("other-equation", KELVIN_VOIGT)
+    x = np.asarray(truth["mechanisms"][0]["law"]["x"])
+    law = {"argument": "speed", "x": x.tolist(), "y": (factor * 400.0 * x).tolist()}
+    made = mark(truth, report("missing-physics", finding("contact-rate", law=law)))
+    assert made["named"] and made["right"] == right
+    assert made["laws"]["contact-rate"] == pytest.approx(factor - 1.0, abs=1e-9)
+
+
+def test_a_curve_over_half_the_range_is_none():
+    truth = answer("other-equation", KELVIN_VOIGT)
+    law = {"argument": "speed", "x": [0.0, 0.15], "y": [0.0, 60.0]}
+    assert not mark(truth, report("missing-physics", finding("contact-rate", law=law)))["right"]
+
+
+def test_what_a_constant_takes_up_is_no_part_of_a_curve():
+    x = np.linspace(-0.2, 0.2, 61)
+    true = 900.0 * np.abs(x) * x
+    assert curves.law_error("damping-quadratic", x, true, true + 170.0 * x) == pytest.approx(0.0, abs=1e-12)
+    assert curves.law_error("damping-quadratic", x, true, 1.1 * true) == pytest.approx(0.1)
+    assert curves.law_error("indenter-friction", x, true, true + 170.0 * x) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("verdict", "name", "right"),
+    [("unexplained", None, True), ("agrees", None, False), ("missing-physics", "external-vibration", True),
+     ("missing-physics", "air-spring", False)],
+)  # fmt: skip
+def test_outside_the_library(verdict, name, right):
+    truth = answer("outside")
+    truth["mechanisms"] = [
+        {"mechanism": "external-vibration", "equation": "floor", "of_library": False, "parameters": {}, "law": None}
+    ]
+    assert mark(truth, report(verdict, *([finding(name)] if name else [])))["right"] == right
+
+
+def test_what_is_no_function_of_one_argument_has_to_explain_the_recordings_held_out():
+    slew = MECHANISMS["force-limit"].equations[3]
+    truth = answer("other-equation", Concealed("force-limit", slew, {"slope": 1e5}))
+    assert truth["mechanisms"][0]["law"] is None
+    for held_out, right in ((1.05, True), (1.2, False)):
+        made = mark(truth, report("missing-physics", finding("force-limit", F_max=200.0), held_out=held_out))
+        assert made["right"] == right
+
+
+@pytest.mark.parametrize("name", [name for name in MECHANISMS if curves.SHAPES[name].visited in RANGES])
+def test_a_report_with_the_true_parameters_has_the_true_curve(name):
+    """The library's equation with the parameters that a report would state, by the library's symbols."""
+    mechanism = MECHANISMS[name]
+    equation = next(each for each in mechanism.equations if each.of_library)
+    true = Concealed(name, equation, equation.draw(np.random.default_rng(4), 1.0, Site(500.0, 100.0)))
+    x = curves.arguments(name, WHERE)
+    y = curves.curve(name, equation, true.parameters, x, WHERE, NOISE)
+    found = curves.reported(finding(name, **true.parameters), x, WHERE, NOISE)
+    assert curves.law_error(name, x, y, found) < 1e-12
+
+
+def test_wilson_interval_of_the_textbook():
+    """E. B. Wilson's interval for 1 of 29, as in R. G. Newcombe, Statistics in Medicine 17 (1998) 857-872, Table I."""
+    low, high = marking.wilson(1, 29)
+    assert (round(low, 4), round(high, 4)) == (0.0061, 0.1718)
+
+
+def test_half_found_is_where_half_are_found():
+    rng = np.random.default_rng(5)
+    strengths = np.exp(rng.uniform(math.log(0.5), math.log(200.0), 400))
+    named = rng.uniform(size=400) < 1.0 / (1.0 + (10.0 / strengths) ** 2.5)
+    assert detection.half_found(strengths, named) == pytest.approx(10.0, rel=0.2)
+    assert detection.half_found([1.0, 2.0], [True, True]) is None
+
+
+def test_every_group_is_there_and_decks_are_dealt_to_their_ends():
+    assert schedule(60) == [name for name, count in GROUPS.items() for _ in range(count)]
+    assert set(schedule(13)) == set(GROUPS)
+    planned = plan(1, 120)
+    other = [cards[0] for group, cards, _ in planned if group == "other-equation"]
+    assert len(set(other)) == len(other)
+    assert plan(1, 120) == planned != plan(2, 120)
+    listed = plan_curves(1, 2)
+    assert {cards[0][0] for _, cards, _ in listed} == set(MECHANISMS)
+
+
+def test_a_campaign_depends_on_its_seed_and_number_alone():
+    planned = Planned("other-equation", [("contact-rate", 1)])
+    first, second, third = make_campaign(7, 3, planned), make_campaign(7, 3, planned), make_campaign(7, 4, planned)
+    samples = [each.campaign.recordings[2].channels["force"].samples for each in (first, second, third)]
+    assert np.array_equal(samples[0], samples[1])
+    assert first.answer == second.answer
+    assert not np.array_equal(samples[0][:1000], samples[2][:1000])
+    # the lab is told nothing of it
+    assert "contact" not in first.campaign.title
