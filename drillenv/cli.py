@@ -267,6 +267,8 @@ def _add_prove(parser: Parser) -> None:
     parser.add_argument("--cluster", metavar="ADDRESS", help="address of a Ray cluster that diagnoses, or local")
     note = "measure detection curves instead: each mechanism alone, from its full strength downwards"
     parser.add_argument("--curves", action="store_true", help=note)
+    note = "percussive-drill (default), or one-body: single bodies, shaken or on a driven axis"
+    parser.add_argument("--rig", default="percussive-drill", metavar="{percussive-drill,one-body}", help=note)
     note = "check a finished trial in DIR instead: its seal, its reports, its marks, and N diagnoses made again"
     parser.add_argument("--check", type=_whole_number, metavar="N", help=note)
     _add_json(parser)
@@ -577,7 +579,9 @@ def _prove(given: argparse.Namespace) -> None:
         print("the trial is what its seed and the diagnosis give")
         return
     campaigns = given.campaigns if given.campaigns is not None else (4 if given.curves else 60)
-    record = trial.prove(folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, note)
+    record = trial.prove(
+        folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, given.rig, note
+    )
     if given.json:
         _print_json(record)
         return

@@ -6,6 +6,7 @@ its imports). It reaches the diagnosis by the command ``drillenv diagnose`` only
     laws          constitutive equations, one function each
     rig           the equations of motion, integrated at 200 kHz with located switches
     sensors       transducers, cables and the data logger
+    body          a single body that conceals physics of its own, with its catalogue in body_mechanisms
     mechanisms    the catalogue: for each mechanism the equations it may follow, and how strong they are drawn
     campaigns     groups of campaigns, drawn from a seed, and their answers
     seal          the answers, sealed with SHA-256

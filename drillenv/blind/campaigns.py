@@ -103,7 +103,8 @@ class Made:
 
     campaign: Campaign
     answer: Mapping[str, Any]
-    true: Constants
+    true: NamedTuple
+    """The constants of the rig that was recorded, in SI."""
     hidden: tuple[Concealed, ...]
 
 
@@ -116,21 +117,21 @@ class _Recorded(NamedTuple):
     """Root mean square of what the transducers add to each channel, as arrays of one number."""
 
 
-def schedule(campaigns: int) -> list[str]:
-    """The groups of so many campaigns, in the shares of ``GROUPS``; at least one of each where there is room."""
-    total = sum(GROUPS.values())
-    exact = {name: campaigns * share / total for name, share in GROUPS.items()}
+def schedule(campaigns: int, groups: Mapping[str, int] = GROUPS) -> list[str]:
+    """The groups of so many campaigns, in the given shares; at least one of each where there is room."""
+    total = sum(groups.values())
+    exact = {name: campaigns * share / total for name, share in groups.items()}
     count = {name: int(value) for name, value in exact.items()}
-    if campaigns >= len(GROUPS):
+    if campaigns >= len(groups):
         count = {name: max(1, value) for name, value in count.items()}
-    order = sorted(GROUPS, key=lambda name: count[name] - exact[name])
+    order = sorted(groups, key=lambda name: count[name] - exact[name])
     while sum(count.values()) < campaigns:
         for name in order[: campaigns - sum(count.values())]:
             count[name] += 1
     while sum(count.values()) > campaigns:
         # a group of one is kept
         count[max(count, key=lambda name: (count[name] > 1, count[name] - exact[name]))] -= 1
-    return [name for name in GROUPS for _ in range(count[name])]
+    return [name for name in groups for _ in range(count[name])]
 
 
 class Planned(NamedTuple):
@@ -143,42 +144,50 @@ class Planned(NamedTuple):
     """Of the full strength; that of the group where None."""
 
 
+Card = tuple[str, int]
+"""A mechanism, and the index of the equation that it follows."""
+
+
+def deal(rng: np.random.Generator, decks: dict[str, list[Card]], name: str, cards: Sequence[Card]) -> Card:
+    """The next card of a deck; one that is empty is shuffled anew from ``cards``."""
+    if not decks.get(name):
+        decks[name] = [cards[i] for i in rng.permutation(len(cards))]
+    return decks[name].pop()
+
+
 def plan(seed: int, campaigns: int) -> list[Planned]:
     """For each campaign its group and the mechanisms with the equations that it conceals, dealt from shuffled decks.
 
     So that few campaigns cover many mechanisms, each deck is dealt to its end before it is shuffled again.
     """
     rng = np.random.default_rng((seed, 0))
-    decks: dict[str, list[tuple[str, int]]] = {}
+    decks: dict[str, list[Card]] = {}
 
-    def deal(deck: str) -> tuple[str, int]:
-        if not decks.get(deck):
-            cards = _deck(deck)
-            decks[deck] = [cards[i] for i in rng.permutation(len(cards))]
-        return decks[deck].pop()
+    def dealt_from(deck: str) -> Card:
+        return deal(rng, decks, deck, _deck(deck))
 
-    def differing(decks: Sequence[str]) -> list[tuple[str, int]]:
+    def differing(names: Sequence[str]) -> list[Card]:
         while True:
-            dealt = [deal(each) for each in decks]
+            dealt = [dealt_from(each) for each in names]
             if len({name for name, _ in dealt}) == len(dealt):
                 return dealt
 
     planned = []
     for group in schedule(campaigns):
         if group in ("null", "wrong-constant"):
-            dealt: list[tuple[str, int]] = []
+            dealt: list[Card] = []
         elif group in ("two", "three"):
             # in half of them the second follows another equation than the library's
             second = "other" if rng.random() < 0.5 else "library"
             dealt = differing(["library", second, "library"][: 2 if group == "two" else 3])
         elif group == "other-equation":
-            dealt = [deal("other")]
+            dealt = [dealt_from("other")]
         elif group == "outside":
-            dealt = [deal("outside")]
+            dealt = [dealt_from("outside")]
         elif group == "absorbed":
-            dealt = [deal("forces")]
+            dealt = [dealt_from("forces")]
         else:
-            dealt = [deal("library" if group == "library-equation" else "any")]
+            dealt = [dealt_from("library" if group == "library-equation" else "any")]
         planned.append(Planned(group, dealt))
     return planned
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from drillenv.blind import laws
+from drillenv.blind.body_mechanisms import BODY_MECHANISMS
 from drillenv.blind.laws import PARAMETERS
 from drillenv.blind.mechanisms import MECHANISMS, Concealed, Equation, of_library
 from drillenv.blind.rig import Motion
@@ -84,6 +85,8 @@ SHAPES: Mapping[str, Shape] = {
     "load-cell-inertia": Shape("acceleration", "m/s^2", "N", "acceleration"),
     "channel-delay": Shape("frequency", "Hz", "s", "signal"),
     "mains-hum": Shape("order of the line, in the force", "1", "N", "orders"),
+    "viscous-damping": Shape("speed", "m/s", "N", "closing"),
+    "dry-friction": Shape("speed", "m/s", "N", "closing"),
     "sensor-offset": Shape("channel: force 0, acceleration 1", "1", "noise", "channels"),
 }
 
@@ -172,7 +175,9 @@ def _law(place: int, code: int, p: Floats, x: float, where: Reference) -> float:
         return laws.backlash_force(code, p, x, where.stiffness)
     if place == laws.DAMPER:
         return laws.damper_force(code, p, x)
-    if place in (laws.GUIDE, laws.INDENTER):
+    if place == laws.VISCOUS:
+        return laws.viscous_force(code, p, x)
+    if place in (laws.GUIDE, laws.INDENTER, laws.DRY):
         return laws.sliding_force(code, p, x)
     if place == laws.HARMONICS:
         return laws.harmonic_share(code, p, x)
@@ -238,10 +243,13 @@ def reported(
             return None
         return np.where(inside, np.interp(x, at, y), np.nan)
     name = finding["mechanism"]
-    if name not in MECHANISMS:
+    catalogue = MECHANISMS if name in MECHANISMS else BODY_MECHANISMS
+    if name not in catalogue:
         return None
     stated = {symbol: float(entry["value"]) for symbol, entry in finding.get("parameters", {}).items()}
-    same = of_library(name, **{symbol: value for symbol, value in stated.items() if not symbol.startswith("psi_")})
+    same = of_library(
+        name, catalogue, **{symbol: value for symbol, value in stated.items() if not symbol.startswith("psi_")}
+    )
     return curve(name, same.equation, same.parameters, x, where, noise)
 
 

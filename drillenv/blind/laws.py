@@ -32,8 +32,10 @@ from numba import njit
     WOBBLE,
     ADHESION,
     RATTLE,
-) = range(20)
-PLACES = 20
+    VISCOUS,
+    DRY,
+) = range(22)
+PLACES = 22
 PARAMETERS = 8
 
 REFERENCE_DEPTH = 1e-4
@@ -206,6 +208,19 @@ def sliding_force(code, p, v):
     # LuGre
     sign = 1.0 if v > 0.0 else -1.0 if v < 0.0 else 0.0
     return (p[0] + (p[1] - p[0]) * math.exp(-((v / p[2]) ** 2))) * sign
+
+
+@njit(cache=True)
+def viscous_force(code, p, v):
+    """Force in N against the speed ``v`` in m/s of a single body, from a lubricant or a fluid."""
+    if code == 0:
+        return 0.0
+    if code == 1:
+        return p[0] * v
+    if code == 2:  # a power below 1: a lubricant that thins, smooth below p[2] m/s
+        return p[0] * v * (v * v + p[2] * p[2]) ** (0.5 * (p[1] - 1.0))
+    # Eyring: grows with the logarithm of the speed once it is past p[1] m/s
+    return p[0] * p[1] * math.asinh(v / p[1])
 
 
 @njit(cache=True)

@@ -128,12 +128,13 @@ def _agree(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
     """Whether, where the equation is not the library's, the force found is the one that was missing."""
     if made["verdict"] != "missing-physics":
         return True
-    held = ((made["fit"] or {}).get("held_out") or {}).get("after")
+    fit = made["fit"] or {}
+    held, floor = (fit.get("held_out") or {}).get("after"), fit.get("noise_floor")
     for each in answer["mechanisms"]:
         if each["of_library"] or each["mechanism"] in NAMED_BY_FORMAT:
             continue
         if each["law"] is None:  # no function of one argument: the recordings held out have to be explained
-            if held is None or held > HELD_OUT:
+            if held is None or not floor or held > HELD_OUT * floor:
                 return False
         elif not made["laws"].get(each["mechanism"], math.inf) <= curves.LARGEST_ERROR:
             return False

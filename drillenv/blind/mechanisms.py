@@ -562,25 +562,35 @@ def concealed(name: str, equation: Equation, rng: np.random.Generator, share: fl
     return Concealed(name, equation, MappingProxyType(equation.draw(rng, share, site)))
 
 
-_ANYWHERE = Site(400.0, 100.0)
+ANYWHERE = Site(400.0, 100.0)
 LEFT_OUT = MappingProxyType(
-    {"e": 1.0, "r": 0.1, "m_r": 50.0, "zeta_r": 0.05, "zeta_a": 0.02, "tau": 1.0, "soft_n": 1.0, "f_m": 50.0}
+    {
+        "e": 1.0,
+        "r": 0.1,
+        "m_r": 50.0,
+        "zeta_r": 0.05,
+        "zeta_a": 0.02,
+        "tau": 1.0,
+        "soft_n": 1.0,
+        "f_m": 50.0,
+        "v_0": 1e-9,
+    }
 )
 """What a parameter of the library's equations is where it is not stated; others are 0."""
 
 
-def of_library(name: str, **stated: float) -> Concealed:
+def of_library(name: str, catalogue: Mapping[str, Mechanism] = MECHANISMS, **stated: float) -> Concealed:
     """A mechanism that follows the library's equation, with these parameters by the library's symbols.
 
     Raises:
         KeyError: no such mechanism or symbol.
     """
-    equation = next(each for each in MECHANISMS[name].equations if each.of_library)
+    equation = next(each for each in catalogue[name].equations if each.of_library)
     rounded = {"guide-friction": ("fc1", "vs1"), "indenter-friction": ("fc2", "vs2")}.get(name)
     if rounded is not None and stated.get(rounded[1], 0.0) > 0.0:
         equation = equation._replace(code=2)
         return Concealed(name, equation, MappingProxyType({each: float(stated[each]) for each in rounded}))
-    symbols = list(equation.draw(np.random.default_rng(0), 1.0, _ANYWHERE))
+    symbols = list(equation.draw(np.random.default_rng(0), 1.0, ANYWHERE))
     more = {"channel-delay": ["delay_e", "delay_f"]}.get(name, [])
     for each in stated:
         if each not in (*symbols, *more, *(rounded or ())):

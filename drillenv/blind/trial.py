@@ -20,11 +20,12 @@ from typing import Any
 
 import drillenv
 from drillenv.blind import marking
-from drillenv.blind.campaigns import Planned, make_campaign, plan, plan_curves
+from drillenv.blind.body import make_body_campaign, plan_bodies
+from drillenv.blind.campaigns import Made, Planned, make_campaign, plan, plan_curves
 from drillenv.blind.confined import PEEKED
 from drillenv.blind.detection import detection_curves
 from drillenv.blind.seal import answers_digest, digest, digest_of_folder, seal, sealed, unseal
-from drillenv.checks import InputError, count, number, shown
+from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.files import whole
 from drillenv.recordings import write_campaign
 
@@ -33,6 +34,8 @@ LIMIT = 300.0
 """s of processor time that a diagnosis has; past that it has given no answer."""
 PATIENCE = 3.0
 """Times the limit that it may take by the clock."""
+DRILL, ONE_BODY = "percussive-drill", "one-body"
+"""Rigs, as the recording format names them."""
 Note = Callable[[str], object]
 
 
@@ -44,6 +47,7 @@ def prove(
     limit: float = LIMIT,
     cluster: str | None = None,
     curves: bool = False,
+    rig: str = DRILL,
     note: Note | None = None,
 ) -> dict[str, Any]:
     """Run a blind trial, or go on with one that was interrupted, and write ``trial.json`` and ``trial.html``.
@@ -56,6 +60,7 @@ def prove(
         limit: s of processor time for each diagnosis.
         cluster: Address of a Ray cluster that diagnoses, or "local".
         curves: Measure detection curves: each mechanism alone, at strengths from full downwards.
+        rig: "percussive-drill", or "one-body": single bodies, shaken or on a driven axis.
         note: Told what happens.
 
     Returns:
@@ -72,6 +77,10 @@ def prove(
     workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
     say = note if note is not None else _silent
     wanted = {"format": FORMAT, "seed": seed, "campaigns": campaigns, "limit": limit, "version": drillenv.__version__}
+    if choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY:
+        if curves:
+            raise InputError("detection curves are of the drilling rig: leave out one of rig and curves")
+        wanted["rig"] = rig
     if curves:
         wanted["curves"] = True
     _begin(place, wanted)
@@ -79,7 +88,7 @@ def prove(
     hash_of_answers = sealed(place)
     if hash_of_answers is None:
         say(f"making {len(planned)} campaigns")
-        hash_of_answers = seal(place, _make(place / "campaigns", seed, planned, workers, say))
+        hash_of_answers = seal(place, _make(place / "campaigns", wanted, planned, workers, say))
     say(f"answers sealed: SHA-256 {hash_of_answers}")
     names = [_name(i) for i in range(len(planned))]
     waiting = [name for name in names if not (place / "reports" / name / "outcome.json").exists()]
@@ -158,7 +167,7 @@ def check_trial(
     workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
     say(f"making {len(planned)} campaigns again")
     with tempfile.TemporaryDirectory(prefix="trial-") as temporary:
-        answers = _make(Path(temporary, "campaigns"), record["seed"], planned, workers, say)
+        answers = _make(Path(temporary, "campaigns"), record, planned, workers, say)
     if answers_digest(answers) != record["answers_sha256"]:
         raise InputError(
             f"the answers in {shown(str(place))} are not those of seed {record['seed']}: they were changed"
@@ -180,6 +189,8 @@ def _said(report: Mapping[str, Any]) -> tuple[str, list[str]]:
 
 def _planned(wanted: Mapping[str, Any]) -> list[Planned]:
     """The campaigns of a trial, by its plan."""
+    if wanted.get("rig") == ONE_BODY:
+        return plan_bodies(wanted["seed"], wanted["campaigns"])
     return (plan_curves if wanted.get("curves") else plan)(wanted["seed"], wanted["campaigns"])
 
 
@@ -219,13 +230,16 @@ def _write(path: Path, record: Any) -> None:
 # --- Making
 
 
-def _make(place: Path, seed: int, planned: Sequence[Planned], workers: int, say: Note) -> list[dict[str, Any]]:
+def _make(
+    place: Path, wanted: Mapping[str, Any], planned: Sequence[Planned], workers: int, say: Note
+) -> list[dict[str, Any]]:
     """Make all campaigns in a folder, and give their answers."""
+    make = make_body_campaign if wanted.get("rig") == ONE_BODY else make_campaign
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir()
     answers: list[dict[str, Any]] = [{} for _ in planned]
     with ProcessPoolExecutor(workers) as pool:
-        jobs = {pool.submit(_make_one, str(place), seed, i, each): i for i, each in enumerate(planned)}
+        jobs = {pool.submit(_make_one, make, str(place), wanted["seed"], i, each): i for i, each in enumerate(planned)}
         for done, job in enumerate(as_completed(jobs), start=1):
             answers[jobs[job]] = job.result()
             if done % 10 == 0:
@@ -233,9 +247,11 @@ def _make(place: Path, seed: int, planned: Sequence[Planned], workers: int, say:
     return answers
 
 
-def _make_one(place: str, seed: int, i: int, planned: Planned) -> dict[str, Any]:
+def _make_one(
+    make: Callable[[int, int, Planned], Made], place: str, seed: int, i: int, planned: Planned
+) -> dict[str, Any]:
     """Make one campaign, and give its answer with the digest of its folder."""
-    made = make_campaign(seed, i, planned)
+    made = make(seed, i, planned)
     target = Path(place) / _name(i)
     campaign = made.campaign
     file_format = ("csv", "h5")[i % 2]
