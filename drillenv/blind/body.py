@@ -138,6 +138,9 @@ def move_body(
         pace: rad/s of the controller of an axis; 0 where there is none.
         start: Position and velocity.
         seconds: Duration.
+
+    Raises:
+        ArithmeticError: the motion left all bounds.
     """
     codes, p = np.zeros(laws.PLACES, dtype=np.int64), np.zeros((laws.PLACES, laws.PARAMETERS))
     for each in hidden:
@@ -146,6 +149,8 @@ def move_body(
         p[each.equation.place, : len(each.parameters)] = list(each.parameters.values())
     table = np.empty((round(seconds / STEP), len(BodyMotion._fields)))
     _integrate(tuple(map(float, body)), codes, p, tones, pace, start[0], start[1], STEP, table)
+    if not np.max(np.abs(table[:, 1])) < 100.0 * TRAVEL:
+        raise ArithmeticError("the concealed body left all bounds: its spring softens too much")
     return BodyMotion(*np.ascontiguousarray(table.T))
 
 

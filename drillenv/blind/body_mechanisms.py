@@ -46,7 +46,7 @@ _LISTED = (
         (
             Equation("cubic", _grows("k3", 0.05, 0.2), SPRING, 1, of_library=True),
             Equation("fifth power", _grows("k_5", 0.08, 0.3), SPRING, 2),
-            Equation("softening", _grows("k_3", -0.12, -0.05), SPRING, 3),
+            Equation("softening", _grows("k_3", -0.05, -0.02), SPRING, 3),
             Equation("two lines", _grows("k_b", 0.3, 0.8, s_b=(0.1, 0.5)), SPRING, 4),
         ),
     ),

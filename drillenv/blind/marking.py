@@ -20,6 +20,9 @@ INSIDE = 1.96
 CONSTANT_SHARE, CONSTANT_STD = 0.02, 3.0
 """A stated constant is right within this share of its true value, or so many of its standard deviations."""
 
+CONDITIONS = ("colour", "anti_alias", "bad_labels", "bits", "rate")
+"""What of a recording's conditions the marks are broken down by."""
+
 
 def wilson(hits: int, total: int, z: float = 1.96) -> tuple[float, float]:
     """Wilson's score interval for a share (E. B. Wilson, Journal of the American Statistical Association 22, 1927)."""
@@ -46,6 +49,7 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
         "truth": [f"{each['mechanism']} ({each['equation']})" for each in answer["mechanisms"]],
         "wrong": dict(answer["wrong"]),
         "missing": answer["missing"],
+        "conditions": {name: answer["conditions"][name] for name in CONDITIONS if name in answer["conditions"]},
         "status": outcome["status"],
         "seconds": outcome["seconds"],
         "memory_mib": outcome["memory_mib"],
@@ -233,6 +237,7 @@ def summary(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     laws = [error for each in marks for error in each["laws"].values()]
     return {
         "groups": groups,
+        "conditions": _by_condition(marks),
         "confusion": confusion,
         "false_alarms": _share(null, lambda each: each["verdict"] == "missing-physics"),
         "null_unexplained": _share(null, lambda each: each["verdict"] == "unexplained"),
@@ -247,6 +252,17 @@ def summary(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "seconds": _spread([each["seconds"] for each in marks]),
         "memory_mib": _spread([each["memory_mib"] for each in marks]),
     }
+
+
+def _by_condition(marks: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """For each condition and each of its values: how many campaigns were right."""
+    found: dict[str, dict[str, Any]] = {}
+    for name in CONDITIONS:
+        having = [each for each in marks if name in each["conditions"]]
+        for value in sorted({each["conditions"][name] for each in having}):
+            own = [each for each in having if each["conditions"][name] == value]
+            found.setdefault(name, {})[str(value)] = _share(own, lambda each: each["right"])
+    return found
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:
