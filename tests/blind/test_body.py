@@ -67,8 +67,11 @@ def test_every_equation_acts_and_the_answer_has_its_curve(name):
         made = make_body_campaign(2, i, Planned("other-equation", [(name, i)]))
         assert made.answer["missing"]["body"] > 0.0
         curve = made.answer["mechanisms"][0]["law"]
-        assert np.all(np.isfinite(curve["y"]))
-        assert np.ptp(curve["y"]) > 0.0
+        if equations[i].name == "saturating spring":  # a function of the position, not of the force that is asked for
+            assert curve is None
+        else:
+            assert np.all(np.isfinite(curve["y"]))
+            assert np.ptp(curve["y"]) > 0.0
         samples = [each.samples for r in made.campaign.recordings for each in r.channels.values()]
         assert all(np.all(np.isfinite(each)) for each in samples)
 
