@@ -221,8 +221,9 @@ def _conditions(conditions: Mapping[str, Mapping[str, Any]]) -> list[dict[str, A
         "bits": "converter, bits",
         "rate": "samples a second",
     }
+    values_in_words = {"True": "yes", "False": "no"}
     return [
-        {"name": words[name], "value": value, **_share(share)}
+        {"name": words[name], "value": values_in_words.get(value, value.removesuffix(".0")), **_share(share)}
         for name, values in conditions.items()
         for value, share in sorted(values.items(), key=lambda each: (len(each[0]), each[0]))
     ]

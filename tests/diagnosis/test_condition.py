@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.mechanisms import of_library
 from drillenv.diagnosis.condition import (
     Conditioned,
     acceleration_level,
@@ -14,8 +16,6 @@ from drillenv.diagnosis.condition import (
 )
 from drillenv.diagnosis.decide import nominal_hypothesis
 from drillenv.diagnosis.fit import NEARBY, Workers, fit
-from drillenv.diagnosis.rehearsal import rehearse
-from drillenv.dynamics.effects import make
 from drillenv.rig import Rig
 
 RATE, NOISE = 25600.0, 5.0
@@ -77,8 +77,9 @@ def test_light_presses_in_step_with_the_mains_are_no_hum(frequency, periods):
 
 
 def test_zero_of_an_accelerometer_is_its_mean_between_standstills():
-    play = rehearse(np.random.default_rng(3), 4, (make("sensor-offset", o_a=7.0),), recordings=3, seconds=0.2)
-    recording = play.campaign.recordings[0]
+    zero = of_library("sensor-offset", o_a=7.0)
+    made = plain_campaign(np.random.default_rng(6), 4, (zero,), recordings=3, seconds=0.2)
+    recording = made.campaign.recordings[0]
     force, acceleration = (recording.channels[name].samples for name in ("force", "acceleration"))
     touches = contacts(force, NOISE)
     assert acceleration_level(touches, force, acceleration, 2.0) == pytest.approx(7.0, abs=0.1)
@@ -105,9 +106,9 @@ def test_an_indenter_that_is_pressed_on_lightly_does_not_fly():
 def test_a_lag_that_recordings_share_is_told_whatever_their_sample_rates(late, found):
     data, rig = [], Rig()
     for rate in (25600.0, 40000.0):
-        lagging = (make("channel-delay", delay_a=late),) if late else ()
-        play = rehearse(np.random.default_rng(3), 4, lagging, recordings=3, seconds=0.2, sample_rate=rate)
-        data += [condition(each, rig) for each in play.campaign.recordings]
+        lagging = (of_library("channel-delay", delay_a=late),) if late else ()
+        made = plain_campaign(np.random.default_rng(3), 4, lagging, recordings=3, seconds=0.2, rate=rate)
+        data += [condition(each, rig) for each in made.campaign.recordings]
     # 2 % of it, or half a microsecond
     assert common_lag(data, rig) == pytest.approx(found, rel=0.02, abs=5e-7)
 
@@ -115,10 +116,10 @@ def test_a_lag_that_recordings_share_is_told_whatever_their_sample_rates(late, f
 @pytest.fixture(scope="module")
 def fitted():
     """Recordings with nothing missing, and the fit."""
-    play = rehearse(np.random.default_rng(4), 4, recordings=3, seconds=0.2)
-    hypothesis = nominal_hypothesis(play.campaign)
+    made = plain_campaign(np.random.default_rng(4), 4, recordings=3, seconds=0.2)
+    hypothesis = nominal_hypothesis(made.campaign)
     rig = Rig(**{each.name: each.value for each in hypothesis.constants[:6]})
-    data: list[Conditioned] = [condition(each, rig).thinned(4) for each in play.campaign.recordings]
+    data: list[Conditioned] = [condition(each, rig).thinned(4) for each in made.campaign.recordings]
     workers = Workers()
     yield data, hypothesis, workers, fit(data, hypothesis, workers)
     workers.close()

@@ -6,9 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
+from drillenv.blind.campaigns import plain_campaign
 from drillenv.checks import InputError
 from drillenv.diagnosis import decide
-from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.report import diagnose
 from drillenv.recordings import write_campaign
 from tests.recordings.test_fuzz import FORMATS, damage
@@ -18,7 +18,7 @@ from tests.recordings.test_fuzz import FORMATS, damage
 def sound(tmp_path_factory):
     """A small campaign in each format."""
     place = tmp_path_factory.mktemp("sound")
-    made = rehearse(np.random.default_rng(3), 4, recordings=4, seconds=0.12).campaign
+    made = plain_campaign(np.random.default_rng(3), 4, recordings=4, seconds=0.12).campaign
     for file_format in FORMATS:
         write_campaign(place / file_format, "sound", made.rig, made.nominal, made.recordings, file_format)
     return place

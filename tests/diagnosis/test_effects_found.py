@@ -1,4 +1,4 @@
-"""Each mechanism of the library, put into small campaigns by the general engine, is found again."""
+"""Each mechanism of the library, put into small campaigns of the concealed rig, is found again."""
 
 import math
 from dataclasses import replace
@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis import FAMILIES
+from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.mechanisms import MECHANISMS, OUTSIDE, Site, concealed, of_library
 from drillenv.diagnosis.candidates import variants
-from drillenv.diagnosis.rehearsal import drawn_effect, rehearse
 from drillenv.diagnosis.report import diagnose
-from drillenv.dynamics.effects import REGISTRY, make
+from drillenv.dynamics.effects import REGISTRY
 
 FOUND = sorted({each.mechanism for each in variants()})
 SEED = 7
@@ -25,6 +25,8 @@ QUICK = (
     "sensor-offset",
 )
 """The others take half a minute or more each."""
+SITE = Site(drive=600.0, frequency=110.0)
+"""N and Hz: about the most that these campaigns ask of the drive, for strengths that are drawn in proportion."""
 SURE = 3.0
 """Standard deviations within which strengths are asked to lie; 1.96 would fail one in twenty."""
 
@@ -39,17 +41,20 @@ def test_every_mechanism_of_the_drilling_rig_is_looked_for():
     "name", [each if each in QUICK else pytest.param(each, marks=pytest.mark.thorough) for each in FOUND]
 )
 def test_mechanism_is_found(name):
-    rng = np.random.default_rng(SEED)
-    chosen = drawn_effect(name, rng)
-    campaign = rehearse(rng, 4, (chosen,), recordings=5, seconds=0.2).campaign
-    report = diagnose(campaign)
+    rng = np.random.default_rng([SEED, *name.encode()])
+    (equation,) = (each for each in MECHANISMS[name].equations if each.of_library)
+    chosen = concealed(name, equation, rng, 1.0, SITE)
+    report = diagnose(plain_campaign(rng, 4, (chosen,), recordings=5, seconds=0.2).campaign)
     assert report.verdict == "missing-physics"
     (finding,) = report.record["findings"]
     assert finding["mechanism"] == name
     assert report.record["fit"]["fitted"]["after"] < 1.03 < report.record["fit"]["fitted"]["before"]
-    true = {part.symbol: value for part, value in zip(chosen.effect.parameters, chosen.values, strict=True)}
-    for symbol, found in finding["parameters"].items():
-        off = found["value"] - true[symbol]
+    # not the speed at which friction sets in, which is dry here, nor the phases of a hum, another in each recording
+    both = finding["parameters"].keys() & chosen.parameters.keys()
+    assert both
+    for symbol in both:
+        found = finding["parameters"][symbol]
+        off = found["value"] - chosen.parameters[symbol]
         if symbol.startswith("phi"):
             assert abs(found["value"]) <= math.pi
             off = math.remainder(off, 2.0 * math.pi)
@@ -58,8 +63,8 @@ def test_mechanism_is_found(name):
 
 @pytest.mark.slow
 def test_a_drive_limited_to_half_of_what_it_asks_for_is_no_weak_drive():
-    chosen = make("force-limit", F_max=170.0)
-    campaign = rehearse(np.random.default_rng(SEED), 4, (chosen,), recordings=5, seconds=0.2).campaign
+    chosen = of_library("force-limit", F_max=170.0)
+    campaign = plain_campaign(np.random.default_rng(12), 4, (chosen,), recordings=5, seconds=0.2).campaign
     report = diagnose(campaign)
     assert [each["mechanism"] for each in report.record["findings"]] == ["force-limit"]
     found = report.record["findings"][0]["parameters"]["F_max"]
@@ -70,8 +75,8 @@ def test_a_drive_limited_to_half_of_what_it_asks_for_is_no_weak_drive():
 @pytest.mark.slow
 def test_what_acts_on_the_shaker_is_seen_beside_what_shows_everywhere():
     """No window on its own says anything of such a damper; a fit whose windows are joined by force names it."""
-    chosen = (make("damping-quadratic", c2=1350.0), make("load-cell-inertia", m_c=0.1))
-    campaign = rehearse(np.random.default_rng(SEED), 4, chosen, recordings=5, seconds=0.2).campaign
+    chosen = (of_library("damping-quadratic", c2=1350.0), of_library("load-cell-inertia", m_c=0.1))
+    campaign = plain_campaign(np.random.default_rng(SEED), 4, chosen, recordings=5, seconds=0.2).campaign
     report = diagnose(campaign)
     found = {each["mechanism"]: each["parameters"] for each in report.record["findings"]}
     assert set(found) == {"damping-quadratic", "load-cell-inertia"}
@@ -84,8 +89,8 @@ def test_what_acts_on_the_shaker_is_seen_beside_what_shows_everywhere():
 @pytest.mark.slow
 def test_air_that_is_soon_supplied_is_no_friction_of_the_guides():
     """Friction that sets in slowly explains nearly as much, and first looks point there."""
-    chosen = make("air-spring", k_a=5e4, tau=0.15)
-    campaign = rehearse(np.random.default_rng(SEED), 2, (chosen,), recordings=6, seconds=0.3).campaign
+    chosen = of_library("air-spring", k_a=5e4, tau=0.15)
+    campaign = plain_campaign(np.random.default_rng(SEED), 2, (chosen,), recordings=6, seconds=0.3).campaign
     (finding,) = diagnose(campaign).record["findings"]
     assert finding["mechanism"] == "air-spring"
     for symbol, true in (("k_a", 5e4), ("tau", 0.15)):
@@ -97,8 +102,8 @@ def test_air_that_is_soon_supplied_is_no_friction_of_the_guides():
 def test_a_light_mount_that_rings_long_is_found():
     """What it was doing as a recording begins is not known, and no one strength says what another would do."""
     mount = {"s_r": 4e-8, "m_r": 20.0, "zeta_r": 0.05}
-    chosen = make("rock-mount-compliance", **mount)
-    campaign = rehearse(np.random.default_rng(SEED), 5, (chosen,), recordings=5, seconds=0.2).campaign
+    chosen = of_library("rock-mount-compliance", MECHANISMS, **mount)
+    campaign = plain_campaign(np.random.default_rng(8), 5, (chosen,), recordings=5, seconds=0.2).campaign
     report = diagnose(campaign)
     (finding,) = report.record["findings"]
     assert finding["mechanism"] == "rock-mount-compliance"
@@ -111,8 +116,8 @@ def test_a_light_mount_that_rings_long_is_found():
 @pytest.mark.slow
 def test_dry_friction_of_the_indenter_is_found_to_a_hundredth():
     """The fit takes it for friction that sets in over a tenth of a millimetre a second, and says that it may be dry."""
-    chosen = make("indenter-friction", fc2=15.0, vs2=0.0)
-    campaign = rehearse(np.random.default_rng(SEED), 4, (chosen,), recordings=5, seconds=0.2).campaign
+    chosen = of_library("indenter-friction", fc2=15.0, vs2=0.0)
+    campaign = plain_campaign(np.random.default_rng(SEED), 4, (chosen,), recordings=5, seconds=0.2).campaign
     (finding,) = diagnose(campaign).record["findings"]
     assert finding["parameters"]["fc2"]["value"] == pytest.approx(15.0, rel=0.01)
     assert finding["parameters"]["vs2"]["value"] < 1.96 * finding["parameters"]["vs2"]["std"]
@@ -121,17 +126,18 @@ def test_dry_friction_of_the_indenter_is_found_to_a_hundredth():
 @pytest.mark.slow
 def test_a_gain_that_drifts_is_no_hardening_spring():
     """A hardening spring of no strength at all would let a fresh rig begin elsewhere, and so gain something."""
-    trial = FAMILIES["outside"](7, 1.0, 0.4)
-    assert trial.mechanisms == ("gain-drift",)
-    record = diagnose(trial.made.campaign).record
+    rng = np.random.default_rng(SEED)
+    (equation,) = OUTSIDE["gain-drift, load cell"].equations
+    chosen = concealed("gain-drift", equation, rng, 1.0, SITE)
+    record = diagnose(plain_campaign(rng, 5, (chosen,), seconds=0.4).campaign).record
     assert record["verdict"] == "unexplained"
     assert record["findings"] == []
 
 
 @pytest.mark.slow
 def test_play_of_which_one_end_is_touched_is_known_to_be_that_wide_at_least():
-    chosen = make("backlash", g=9e-4, y0=-6e-5)
-    campaign = rehearse(np.random.default_rng(SEED), 1, (chosen,), recordings=5, seconds=0.2).campaign
+    chosen = of_library("backlash", g=9e-4, y0=-6e-5)
+    campaign = plain_campaign(np.random.default_rng(10), 1, (chosen,), recordings=5, seconds=0.2).campaign
     running = [each for each in campaign.recordings if each.starts != "fresh"]
     report = diagnose(replace(campaign, recordings=running))
     (finding,) = report.record["findings"]

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drillenv.blind.campaigns import plain_campaign
 from drillenv.diagnosis.condition import condition
-from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.search import CLOSE, FLOOR, Place, Tried, _settled_cost, _settled_cost_at_best_gain
 from drillenv.diagnosis.shooting import Physics
+from tests.diagnosis.truth import rig_of, rock_of
 
 
 def _fit(per_sample: float, loose: float) -> Any:
@@ -54,10 +55,11 @@ def test_a_mechanism_that_leaves_nothing_inside_the_windows_is_judged_there(insi
 
 def test_a_scan_for_mounts_does_not_mind_another_gain_of_the_drive():
     rng = np.random.default_rng(5)
-    play = rehearse(rng, 4, (), recordings=3, seconds=0.2)
-    weaker = replace(play.rig, drive_gain=0.95 * play.rig.drive_gain)
-    data = condition(play.campaign.recordings[0], play.rig).thinned(4)
-    nominal, true = Physics(play.rig, play.rock), Physics(weaker, play.rock)
+    made = plain_campaign(rng, 4, recordings=3, seconds=0.2)
+    rig, rock = rig_of(made), rock_of(made)
+    weaker = replace(rig, drive_gain=0.95 * rig.drive_gain)
+    data = condition(made.campaign.recordings[0], rig).thinned(4)
+    nominal, true = Physics(rig, rock), Physics(weaker, rock)
     noise = data.judged.stop - data.judged.start
     assert _settled_cost(data, data.states, nominal) < 1.1 * noise
     assert _settled_cost(data, data.states, true) > 1.5 * noise

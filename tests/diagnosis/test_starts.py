@@ -3,22 +3,23 @@
 import numpy as np
 import pytest
 
+from drillenv.blind.campaigns import plain_campaign
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.decide import nominal_hypothesis
 from drillenv.diagnosis.fit import Fit, Hypothesis, Parameter
-from drillenv.diagnosis.rehearsal import rehearse
 from drillenv.diagnosis.shooting import Physics, Quadratic, predict
 from drillenv.diagnosis.starts import carried, from_nothing, leaving_out, opened, placed_at, slight
 from drillenv.dynamics.effects import make
 from drillenv.rig import Rig
+from tests.diagnosis.truth import rig_of, rock_of
 
 
 @pytest.fixture(scope="module")
 def made():
     """A recording, its rig, and states off the truth."""
-    play = rehearse(np.random.default_rng(3), 4, recordings=3, seconds=0.2)
-    data = condition(play.campaign.recordings[1], play.rig).thinned(4)
-    return data, Physics(play.rig, play.rock)
+    made = plain_campaign(np.random.default_rng(3), 4, recordings=3, seconds=0.2)
+    data = condition(made.campaign.recordings[1], rig_of(made)).thinned(4)
+    return data, Physics(rig_of(made), rock_of(made))
 
 
 def test_a_spring_that_has_play_carries_the_force_that_it_carried_without(made):
@@ -46,7 +47,7 @@ def test_windows_go_on_where_those_before_them_end(made):
 
 
 def test_a_mechanism_left_out_takes_its_unknowns_with_it():
-    campaign = rehearse(np.random.default_rng(3), 4, recordings=3, seconds=0.2).campaign
+    campaign = plain_campaign(np.random.default_rng(3), 4, recordings=3, seconds=0.2).campaign
     data = [condition(each, Rig()) for each in campaign.recordings]
     plain = nominal_hypothesis(campaign)
     one, _values = placed_at(plain, "air-spring", {"k_a": 5e4, "tau": 0.2}, data)

@@ -1,0 +1,62 @@
+"""What the pages say of the published trial is what the trial came to."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drillenv.blind import marking
+from drillenv.blind.campaigns import make_campaign, plan
+from drillenv.blind.seal import digest
+
+ROOT = Path(__file__).parents[2]
+TRIAL = ROOT / "docs" / "trial"
+
+
+@pytest.fixture(scope="module")
+def record():
+    return json.loads((TRIAL / "trial.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def answers():
+    return json.loads((TRIAL / "answers.json").read_text(encoding="utf-8"))
+
+
+def test_the_answers_are_those_that_were_sealed(record):
+    assert digest((TRIAL / "answers.json").read_bytes()) == record["answers_sha256"]
+    for page in (TRIAL / "README.md", TRIAL / "trial.html"):
+        assert record["answers_sha256"] in page.read_text(encoding="utf-8")
+
+
+def test_the_marks_are_summed_up_rightly(record):
+    assert json.loads(json.dumps(marking.summary(record["marks"]))) == record["summary"]
+
+
+def test_the_tables_say_what_was_counted(record):
+    page, groups = (TRIAL / "README.md").read_text(encoding="utf-8"), record["summary"]["groups"]
+    for name, group in groups.items():
+        right, named = group["right"], group["named"]
+        assert f"| {name} | {right['of']} | {right['hits']} | {named['hits']} | {group['seconds_median']:.0f} |" in page
+    right = sum(group["right"]["hits"] for group in groups.values())
+    low, high = marking.wilson(right, len(record["marks"]))
+    claim = f"{right} of {len(record['marks'])} ({100 * low:.0f} to {100 * high:.0f} %)"
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert claim in readme
+    alarms = record["summary"]["false_alarms"]
+    assert f"{alarms['hits']} of {alarms['of']} ({100 * alarms['low']:.0f} to {100 * alarms['high']:.0f} %)" in readme
+    for name, words in (("library-equation", "own equation"), ("other-equation", "by another")):
+        assert f"{words} {groups[name]['right']['hits']} of {groups[name]['right']['of']}" in readme
+
+
+def test_the_seed_gives_these_campaigns(record, answers):
+    """Another processor may round the last digit otherwise, so samples are compared by what is missing in them."""
+    planned = plan(record["seed"], record["campaigns"])
+    assert [each.group for each in planned] == [each["group"] for each in answers]
+    for i in (0, 21, 44):
+        made = make_campaign(record["seed"], i, planned[i]).answer
+        assert made["missing"] == pytest.approx(answers[i]["missing"], rel=1e-6)
+        assert made["true"] == pytest.approx(answers[i]["true"], rel=1e-12)
+        for mine, published in zip(made["mechanisms"], answers[i]["mechanisms"], strict=True):
+            assert mine["equation"] == published["equation"]
+            assert mine["parameters"] == pytest.approx(published["parameters"], rel=1e-12)
