@@ -580,7 +580,7 @@ def _prove(given: argparse.Namespace) -> None:
         return
     campaigns = given.campaigns if given.campaigns is not None else (4 if given.curves else 60)
     record = trial.prove(
-        folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, given.rig, note
+        folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, given.rig, note, True
     )
     if given.json:
         _print_json(record)

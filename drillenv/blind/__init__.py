@@ -15,5 +15,5 @@ its imports). It reaches the diagnosis by the command ``drillenv diagnose`` only
     curves        what was missing as a function of its argument, as the marking compares it
     marking       the marks, by the rules of docs/trial/rules.md
     detection     the share of campaigns in which a mechanism is named against its strength
-    page          trial.html
+    page          trial.html, with the figures of drawing
 """

@@ -12,17 +12,16 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from numpy.typing import NDArray
 
-from drillenv.blind import curves
+from drillenv.blind import curves, drawing
 from drillenv.blind.detection import NOISE, UNITS
 from drillenv.blind.marking import HELD_OUT, wilson
 
@@ -33,8 +32,6 @@ CASES = 16
 """Campaigns that are shown with their waveforms; one of each group comes first."""
 PERIODS = 3.0
 """Of the excitation, in the panels of a case."""
-POINTS = 600
-"""Of one line of a panel, at most: two for each column of pixels, so that no peak is lost."""
 FATES = ("named", "in a class", "unexplained", "something else", "not seen", "no answer")
 ABSENT = "named though absent"
 UNREADABLE = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, TypeError, ValueError)
@@ -186,7 +183,7 @@ def _share(share: Mapping[str, Any]) -> dict[str, Any]:
         "count": f"{share['hits']} of {share['of']}",
         "percent": f"{100.0 * share['hits'] / share['of']:.0f} %",
         "interval": f"{100.0 * share['low']:.0f} to {100.0 * share['high']:.0f} %",
-        "bar": _bar(share),
+        "bar": drawing.bar(share),
     }
 
 
@@ -326,152 +323,6 @@ def _row(mark: Mark) -> dict[str, Any]:
     }
 
 
-# --- Drawing
-
-
-def _tag(name: str, *inside: Any, **attributes: Any) -> Markup:
-    """An element of SVG, its text and attributes escaped."""
-    written = Markup("").join(
-        Markup(' {}="{}"').format(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items()
-    )
-    return Markup("<{0}{1}>{2}</{0}>").format(Markup(name), written, Markup("").join(escape(each) for each in inside))
-
-
-def _text(x: float, y: float, text: str, anchor: str = "middle", **more: Any) -> Markup:
-    return _tag("text", text, x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor, **more)
-
-
-def _line(x1: float, y1: float, x2: float, y2: float, kind: str) -> Markup:
-    return _tag("line", x1=f"{x1:.1f}", y1=f"{y1:.1f}", x2=f"{x2:.1f}", y2=f"{y2:.1f}", class_=kind)
-
-
-def _bar(share: Mapping[str, Any]) -> Markup:
-    """A share as a bar from 0 to 100 %, with whiskers over its interval."""
-    width, height = 120.0, 14.0
-    at, low, high = (width * each for each in (share["hits"] / share["of"], share["low"], share["high"]))
-    middle = height / 2.0
-    label = f"{_share_text(share)}"
-    return _tag(
-        "svg",
-        _tag("rect", x=0, y=1, width=width, height=height - 2, class_="ground"),
-        _tag("rect", x=0, y=3, width=f"{at:.1f}", height=height - 6, class_="share"),
-        _line(low, middle, high, middle, "whisker"),
-        _line(low, 4, low, height - 4, "whisker"),
-        _line(high, 4, high, height - 4, "whisker"),
-        viewBox=f"-1 0 {width + 2:g} {height:g}",
-        width=width + 2,
-        height=height,
-        class_="bar",
-        role="img",
-        aria_label=label,
-    )
-
-
-def _share_text(share: Mapping[str, Any]) -> str:
-    percent = [f"{100.0 * each:.0f}" for each in (share["hits"] / share["of"], share["low"], share["high"])]
-    return f"{percent[0]} %, 95 % interval {percent[1]} to {percent[2]} %"
-
-
-@dataclass(frozen=True, slots=True)
-class _Axis:
-    """A straight or logarithmic axis, ``low`` at 0 and ``high`` at ``length`` pixels."""
-
-    low: float
-    high: float
-    length: float
-    label: str
-    logarithmic: bool = False
-    downwards: bool = False
-    """Of a vertical axis, whose pixels count from its top."""
-
-    def at(self, value: Any) -> Any:
-        """Pixels."""
-        low, high = (math.log(each) if self.logarithmic else each for each in (self.low, self.high))
-        share = (np.log(value) if self.logarithmic else np.asarray(value, dtype=float)) - low
-        share = share / (high - low)
-        return self.length * (1.0 - share if self.downwards else share)
-
-    def ticks(self) -> list[float]:
-        """Round values within the axis: a handful, of a logarithmic one 1, 2 and 5 of each decade."""
-        if self.logarithmic:
-            decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
-            steps = (1, 2, 5) if self.high / self.low < 300.0 else (1,)
-            every = [step * 10.0**each for each in decades for step in steps]
-            return [each for each in every if self.low <= each <= self.high]
-        rough = (self.high - self.low) / (4.0 if self.length < 200.0 else 6.0)
-        size = 10.0 ** math.floor(math.log10(rough))
-        step = size * next(each for each in (1.0, 2.0, 5.0, 10.0) if each * size >= rough)
-        first = math.ceil(self.low / step)
-        return [i * step for i in range(first, math.floor(self.high / step) + 1)]
-
-
-def _chart(x: _Axis, y: _Axis, inside: Sequence[Markup], label: str, over: Sequence[Markup] = ()) -> Markup:
-    """Axes with ticks and labels around what is drawn inside, which is cut off at the frame."""
-    left, top, right, bottom = 54.0, 8.0, 14.0, 38.0
-    parts = []
-    for value in y.ticks():
-        at = float(y.at(value))
-        parts += [_line(0, at, x.length, at, "grid"), _text(-5, at + 3.5, _tick(value), "end")]
-    for value in x.ticks():
-        at = float(x.at(value))
-        parts += [_line(at, 0, at, y.length, "grid"), _text(at, y.length + 14, _tick(value))]
-    parts += [
-        # a nested svg cuts off what lies outside of it
-        _tag("svg", *inside, x=0, y=0, width=x.length, height=y.length),
-        _tag("rect", x=0, y=0, width=x.length, height=y.length, class_="frame"),
-        _text(x.length / 2.0, y.length + 30, x.label),
-        _text(0, 0, y.label, transform=f"translate(-43 {y.length / 2.0:.1f}) rotate(-90)"),
-        *over,
-    ]
-    width, height = left + x.length + right, top + y.length + bottom
-    return _tag(
-        "svg",
-        _tag("g", *parts, transform=f"translate({left:g} {top:g})"),
-        viewBox=f"0 0 {width:g} {height:g}",
-        class_="chart",
-        role="img",
-        aria_label=label,
-    )
-
-
-def _tick(value: float) -> str:
-    return "0" if abs(value) < 1e-12 else f"{value:.4g}".replace("-", "\u2212")
-
-
-def _path(x: _Axis, y: _Axis, at: Floats, values: Floats, kind: str) -> Markup:
-    """A line; NaN leaves a gap."""
-    words, gap = [], True
-    for left, top in zip(x.at(at), y.at(values), strict=True):
-        if not (math.isfinite(left) and math.isfinite(top)):
-            gap = True
-            continue
-        # far outside of the frame a coordinate says no more than that
-        words.append(f"{'M' if gap else 'L'}{left:.1f} {min(max(top, -999.0), 9999.0):.1f}")
-        gap = False
-    return _tag("path", d="".join(words), class_=kind)
-
-
-def _thinned(time: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """At most ``POINTS`` samples: the least and the largest of each of so many stretches."""
-    if values.size <= POINTS:
-        return time, values
-    known = np.nan_to_num(values)
-    kept: set[int] = set()
-    for part in np.array_split(np.arange(values.size), POINTS // 2):
-        kept |= {int(part[np.argmin(known[part])]), int(part[np.argmax(known[part])])}
-    chosen = np.array(sorted(kept))
-    return time[chosen], values[chosen]
-
-
-def _limits(*series: Floats, room: float = 0.06) -> tuple[float, float]:
-    """The range of finite values, with some room; never empty."""
-    joined = np.concatenate(series)
-    joined = joined[np.isfinite(joined)]
-    low, high = (float(joined.min()), float(joined.max())) if joined.size else (0.0, 1.0)
-    width = high - low if high > low else max(abs(high), 1e-9)
-    return low - room * width, high + room * width
-
-
 # --- Recordings held out
 
 
@@ -498,34 +349,36 @@ def _held_out(marks: Sequence[Mark]) -> dict[str, Any]:
 def _scatter(known: Sequence[tuple[Mark, float, float]]) -> Markup:
     """After against before, both logarithmic, with lines at the noise floor and at what counts as explained."""
     before, after = (np.array([each[i] for each in known], dtype=float) for i in (1, 2))
-    x = _Axis(min(0.9, 0.9 * before.min()), max(2.0, 1.15 * before.max()), 520.0, "before, over the noise floor", True)
-    y = _Axis(
+    x = drawing.Axis(
+        min(0.9, 0.9 * before.min()), max(2.0, 1.15 * before.max()), 520.0, "before, over the noise floor", True
+    )
+    y = drawing.Axis(
         min(0.9, 0.9 * after.min()), max(2.0, 1.15 * after.max()), 320.0, "after, over the noise floor", True, True
     )
     floor, limit = float(y.at(1.0)), float(y.at(HELD_OUT))
     ends = np.array([min(x.low, y.low), max(x.high, y.high)])
     inside = [
-        _line(0, floor, x.length, floor, "floor"),
-        _line(0, limit, x.length, limit, "limit"),
-        _path(x, y, ends, ends, "equal"),
+        drawing.line(0, floor, x.length, floor, "floor"),
+        drawing.line(0, limit, x.length, limit, "limit"),
+        drawing.path(x, y, ends, ends, "equal"),
     ]
     for mark, one, other in known:
         left, top = float(x.at(one)), float(y.at(other))
-        said = _tag("title", f"{mark['campaign']}, {mark['group']}: {_three(one)} before, {_three(other)} after")
+        said = drawing.tag("title", f"{mark['campaign']}, {mark['group']}: {_three(one)} before, {_three(other)} after")
         inside.append(_point(left, top, bool(mark["right"]), said))
     over = [
-        _text(x.length - 4, limit - 4, f"{HELD_OUT:g} times the noise floor", "end", class_="halo"),
-        _text(x.length - 4, floor + 12, "noise floor", "end", class_="halo"),
+        drawing.text(x.length - 4, limit - 4, f"{HELD_OUT:g} times the noise floor", "end", class_="halo"),
+        drawing.text(x.length - 4, floor + 12, "noise floor", "end", class_="halo"),
     ]
-    return _chart(x, y, inside, "Residual on recordings held out, after against before", over)
+    return drawing.chart(x, y, inside, "Residual on recordings held out, after against before", over)
 
 
 def _point(left: float, top: float, right: bool, said: Markup | str = "") -> Markup:
     """A disc where a campaign is right, a cross where it is not: told apart without colour."""
     if right:
-        return _tag("circle", said, cx=f"{left:.1f}", cy=f"{top:.1f}", r=4, class_="right")
+        return drawing.tag("circle", said, cx=f"{left:.1f}", cy=f"{top:.1f}", r=4, class_="right")
     d = f"M{left - 4:.1f} {top - 4:.1f}l8 8m0 -8l-8 8"
-    return _tag("path", said, d=d, class_="wrong")
+    return drawing.tag("path", said, d=d, class_="wrong")
 
 
 # --- Cases
@@ -637,13 +490,13 @@ def _panel(time: Floats, trace: Mapping[str, Any], shown: NDArray[np.bool_]) -> 
     ]
     measured = next(each.values for each in lines if each.kind == "measured")
     # a simulation that is far off is cut off, so that the measured signal stays readable
-    low, high = _limits(measured, room=0.6)
-    least, most = _limits(*(each.values for each in lines))
+    low, high = drawing.limits(measured, room=0.6)
+    least, most = drawing.limits(*(each.values for each in lines))
     name, unit = html.unescape(trace["channel"]), html.unescape(trace["unit"])
-    x = _Axis(float(time[0]), float(time[-1]), 340.0, "time, ms")
-    y = _Axis(max(low, least), min(high, most), 150.0, f"{name}, {unit}", downwards=True)
-    drawn = [_path(x, y, *_thinned(time, each.values), each.kind) for each in lines]
-    return _chart(x, y, drawn, f"{name}, {', '.join(each.kind for each in lines)}")
+    x = drawing.Axis(float(time[0]), float(time[-1]), 340.0, "time, ms")
+    y = drawing.Axis(max(low, least), min(high, most), 150.0, f"{name}, {unit}", downwards=True)
+    drawn = [drawing.path(x, y, *drawing.thinned(time, each.values), each.kind) for each in lines]
+    return drawing.chart(x, y, drawn, f"{name}, {', '.join(each.kind for each in lines)}")
 
 
 # --- Laws
@@ -688,21 +541,21 @@ def _law(law: Mapping[str, Any], x: Floats, true: Floats, found: Floats, compare
     across, x_unit = _scaled(x, law["argument_unit"])
     _, y_unit = _scaled(true, law["unit"])
     factor = _factor(true, law["unit"])
-    low, high = _limits(*(factor * each for each in series.values()))
-    begin, end = _limits(across, room=0.0 if x.size > 3 else 0.15)
+    low, high = drawing.limits(*(factor * each for each in series.values()))
+    begin, end = drawing.limits(across, room=0.0 if x.size > 3 else 0.15)
     if not begin < end:
         begin, end = begin - 1.0, end + 1.0
-    axis = _Axis(begin, end, 340.0, law["argument"] + (f", {x_unit}" if x_unit else ""))
-    up = _Axis(low, high, 150.0, y_unit or "relative", downwards=True)
+    axis = drawing.Axis(begin, end, 340.0, law["argument"] + (f", {x_unit}" if x_unit else ""))
+    up = drawing.Axis(low, high, 150.0, y_unit or "relative", downwards=True)
     drawn = []
     for kind, values in series.items():
         if x.size > 3:
-            drawn.append(_path(axis, up, across, factor * values, kind))
+            drawn.append(drawing.path(axis, up, across, factor * values, kind))
             continue
         for left, top in zip(axis.at(across), up.at(factor * values), strict=True):
             if math.isfinite(top):
-                drawn.append(_tag("circle", cx=f"{left:.1f}", cy=f"{top:.1f}", r=4, class_=f"{kind} dot"))
-    return _chart(axis, up, drawn, f"True law and the one found, against {law['argument']}")
+                drawn.append(drawing.tag("circle", cx=f"{left:.1f}", cy=f"{top:.1f}", r=4, class_=f"{kind} dot"))
+    return drawing.chart(axis, up, drawn, f"True law and the one found, against {law['argument']}")
 
 
 def _factor(values: Floats, unit: str) -> float:

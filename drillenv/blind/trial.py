@@ -49,6 +49,7 @@ def prove(
     curves: bool = False,
     rig: str = DRILL,
     note: Note | None = None,
+    progress: bool = False,
 ) -> dict[str, Any]:
     """Run a blind trial, or go on with one that was interrupted, and write ``trial.json`` and ``trial.html``.
 
@@ -62,6 +63,7 @@ def prove(
         curves: Measure detection curves: each mechanism alone, at strengths from full downwards.
         rig: "percussive-drill", or "one-body": single bodies, shaken or on a driven axis.
         note: Told what happens.
+        progress: Draw a progress bar.
 
     Returns:
         What ``trial.json`` holds.
@@ -77,12 +79,10 @@ def prove(
     workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
     say = note if note is not None else _silent
     wanted = {"format": FORMAT, "seed": seed, "campaigns": campaigns, "limit": limit, "version": drillenv.__version__}
-    if choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY:
-        if curves:
-            raise InputError("detection curves are of the drilling rig: leave out one of rig and curves")
-        wanted["rig"] = rig
-    if curves:
-        wanted["curves"] = True
+    if choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY and curves:
+        raise InputError("detection curves are of the drilling rig: leave out one of rig and curves")
+    # what every trial had before there were these says nothing of them
+    wanted |= ({"rig": rig} if rig == ONE_BODY else {}) | ({"curves": True} if curves else {})
     _begin(place, wanted)
     planned = _planned(wanted)
     hash_of_answers = sealed(place)
@@ -90,17 +90,26 @@ def prove(
         say(f"making {len(planned)} campaigns")
         hash_of_answers = seal(place, _make(place / "campaigns", wanted, planned, workers, say))
     say(f"answers sealed: SHA-256 {hash_of_answers}")
-    names = [_name(i) for i in range(len(planned))]
-    waiting = [name for name in names if not (place / "reports" / name / "outcome.json").exists()]
-    with _mapper(workers, cluster) as mapper:
-        work = [(name, _files(place / "campaigns" / name), str(place), limit) for name in waiting]
-        for done, (name, files) in enumerate(mapper(work), start=1):
-            outcome = _keep(place / "reports" / name, files)
-            number_of = len(names) - len(waiting) + done
-            say(f"{number_of} of {len(names)}: {name} {outcome['status']}, {outcome['seconds']:.0f} s")
+    _diagnose(place, [_name(i) for i in range(len(planned))], limit, workers, cluster, progress)
     record = mark_trial(place)
     publish(place, record)
     return record
+
+
+def _diagnose(
+    place: Path, names: Sequence[str], limit: float, workers: int, cluster: str | None, progress: bool
+) -> None:
+    """Diagnose those campaigns of a trial that have no outcome yet."""
+    from tqdm import tqdm
+
+    waiting = [name for name in names if not (place / "reports" / name / "outcome.json").exists()]
+    work = [(name, place / "campaigns" / name, str(place), limit) for name in waiting]
+    bar = tqdm(total=len(names), initial=len(names) - len(waiting), unit="campaign", disable=not progress)
+    with bar, _mapper(workers, cluster) as mapper:
+        for name, files in mapper(work):
+            outcome = _keep(place / "reports" / name, files)
+            bar.set_postfix_str(f"{name} {outcome['status']}, {outcome['seconds']:.0f} s")
+            bar.update()
 
 
 def publish(place: Path, record: Mapping[str, Any]) -> None:
@@ -353,7 +362,12 @@ def _read_report(folder: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
     return outcome, json.loads(data)
 
 
-Work = Sequence[tuple[str, Files, str, float]]
+Work = Sequence[tuple[str, Path, str, float]]
+"""Names, folders, the trial's folder and the limit."""
+
+
+def _diagnose_folder(name: str, folder: Path, trial: str, limit: float) -> tuple[str, Files]:
+    return diagnose_files(name, _files(folder), trial, limit)
 
 
 @contextmanager
@@ -363,7 +377,7 @@ def _mapper(workers: int, cluster: str | None) -> Iterator[Callable[[Work], Iter
         pool = ThreadPoolExecutor(workers)
         try:
             yield lambda work: (
-                each.result() for each in as_completed([pool.submit(diagnose_files, *item) for item in work])
+                each.result() for each in as_completed([pool.submit(_diagnose_folder, *item) for item in work])
             )
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -378,9 +392,15 @@ def _mapper(workers: int, cluster: str | None) -> Iterator[Callable[[Work], Iter
     remote = ray.remote(num_cpus=1)(diagnose_files)
 
     def over(work: Work) -> Iterator[tuple[str, Files]]:
-        waiting = [remote.remote(*item) for item in work]
-        while waiting:
-            ready, waiting = ray.wait(waiting)
+        # twice as many as the cluster works on are handed over at a time, so that no store holds all campaigns
+        most, running = 2 * max(1, int(ray.cluster_resources().get("CPU", 1))), []
+        for name, folder, trial, limit in work:
+            running.append(remote.remote(name, _files(folder), trial, limit))
+            if len(running) >= most:
+                ready, running = ray.wait(running)
+                yield from ray.get(ready)
+        while running:
+            ready, running = ray.wait(running)
             yield from ray.get(ready)
 
     try:

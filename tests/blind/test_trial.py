@@ -92,7 +92,8 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
 
 def test_changed_answers_are_caught(copied):
     path = copied / "answers.json"
-    path.write_text(path.read_text().replace('"agrees"', '"unexplained"').replace('"null"', '"outside"'))
+    changed = path.read_text().replace('"indenter_mass": 3.', '"indenter_mass": 4.', 1).replace("2.9", "2.8", 1)
+    path.write_text(changed)
     with pytest.raises(InputError, match="answers were changed"):
         trial.mark_trial(copied)
 
