@@ -263,7 +263,7 @@ def plain_campaign(
         case: Rock and indenter, 1 to 6 of Table 2.2.
         hidden: What is concealed, from :func:`drillenv.blind.mechanisms.of_library` or the catalogue.
         wrong: Constants that the lab has wrong, and by how many tolerances.
-        recordings: At least 3; the second and the fifth are of fresh rock.
+        recordings: At least 2; the second and the fifth are of fresh rock.
         seconds: Of each recording.
         rate: Samples a second.
         noise: Standard deviations in V, N and m/s^2.
