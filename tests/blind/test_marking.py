@@ -217,6 +217,7 @@ def test_every_group_is_there_and_decks_are_dealt_to_their_ends():
     assert {cards[0][0] for _, cards, _ in listed} == set(MECHANISMS)
 
 
+@pytest.mark.slow
 def test_a_campaign_depends_on_its_seed_and_number_alone():
     planned = Planned("other-equation", [("contact-rate", 1)])
     first, second, third = make_campaign(7, 3, planned), make_campaign(7, 3, planned), make_campaign(7, 4, planned)

@@ -49,6 +49,7 @@ def test_the_tables_say_what_was_counted(record):
         assert f"{words} {groups[name]['right']['hits']} of {groups[name]['right']['of']}" in readme
 
 
+@pytest.mark.slow
 def test_the_seed_gives_these_campaigns(record, answers):
     """Another processor may round the last digit otherwise, so samples are compared by what is missing in them."""
     planned = plan(record["seed"], record["campaigns"])

@@ -13,6 +13,8 @@ from drillenv.blind import trial
 from drillenv.blind.seal import digest
 from drillenv.checks import InputError
 
+pytestmark = pytest.mark.slow  # each makes campaigns
+
 REPORT = {
     "verdict": "agrees",
     "where": {"summary": "Nothing."},
