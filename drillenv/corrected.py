@@ -10,6 +10,16 @@
 Constants carry the names that a campaign gives them and are in SI; those left out are Table 2.1's, and without
 stiffnesses the model holds on any rock. ``rig`` may be left out; a diagnosis of another rig ("one-body") names it, and
 such a model is no model of the drill.
+
+In place of an equation's parameters an effect may carry a measured curve, of 2 to 64 knots in SI; those that do are in
+``drillenv.dynamics.effects.TABULATED``:
+
+    {"name": "tabulated-spring",
+     "parameters": {"argument_unit": "m", "unit": "N",
+                    "x": [0.0, 0.004, 0.008], "y": [0.0, 3.1, 24.8], "beyond": "held"}}
+
+Outside its range a curve is held at its last value, or goes on straight where ``beyond`` is "straight". ``beyond`` and
+the units may be left out.
 """
 
 from __future__ import annotations
@@ -148,9 +158,8 @@ def model_record(model: Corrected) -> dict[str, Any]:
 
 
 def effect_record(chosen: Chosen) -> dict[str, Any]:
-    """An effect as it stands in a model file: its name, and its parameters by symbol."""
-    symbols = (parameter.symbol for parameter in chosen.effect.parameters)
-    return {"name": chosen.effect.name, "parameters": dict(zip(symbols, chosen.values, strict=True))}
+    """An effect as it stands in a model file: its name, and its parameters by symbol or its curve."""
+    return {"name": chosen.effect.name, "parameters": chosen.given}
 
 
 def write_model(path: str | Path, model: Corrected) -> None:

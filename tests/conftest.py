@@ -13,7 +13,7 @@ def pytest_configure(config) -> None:
     if hasattr(config, "workerinput"):
         return
     package = Path(drillenv.__file__).parent
-    changed = max((path.stat().st_mtime for path in package.rglob("*.py") if "njit" in path.read_text()), default=0.0)
+    changed = max((path.stat().st_mtime for path in package.rglob("*.py") if "jit" in path.read_text()), default=0.0)
     compiled = [path for ending in ("nbi", "nbc") for path in package.rglob(f"__pycache__/*.{ending}")]
     if any(path.stat().st_mtime < changed for path in compiled):
         for path in compiled:

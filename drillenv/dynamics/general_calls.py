@@ -34,7 +34,7 @@ MERGED = {**INNER, "inline": "always"}
 MOMENT = types.NamedTuple([types.int64 if name == "regime" else types.float64 for name in Moment._fields], Moment)
 _NUMBERS = types.CPointer(types.float64)
 TERM = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
-SHAPE = types.float64(types.float64, types.int64, types.float64, _NUMBERS, _NUMBERS)
+SHAPE = types.float64(types.float64, types.int64, types.float64, types.float64, _NUMBERS, _NUMBERS)
 SWITCHED = types.void(types.int64, types.int64, _NUMBERS, _NUMBERS)
 CORNER = types.float64(MOMENT, types.float64, types.float64, _NUMBERS)
 
@@ -85,17 +85,17 @@ def _call_term(typingctx, address, now, state, rates, first, parameters, at, pus
     return types.void(address, MOMENT, state, rates, first, parameters, at, push), codegen
 
 
-def _call_shape(typingctx, address, depth, regime, ratio, state, first, parameters, at):
-    """Call ``shape(depth, regime, ratio, state[first:], parameters[at:])``."""
+def _call_shape(typingctx, address, depth, regime, stiffness, ratio, state, first, parameters, at):
+    """Call ``shape(depth, regime, stiffness, ratio, state[first:], parameters[at:])``."""
 
     def codegen(context, builder, signature, values):
-        address, depth, regime, ratio, state, first, parameters, at = values
-        own = _place(context, builder, signature.args[4], state, first)
-        p = _place(context, builder, signature.args[6], parameters, at)
-        return _call(context, builder, SHAPE, address, [depth, regime, ratio, own, p])
+        address, depth, regime, stiffness, ratio, state, first, parameters, at = values
+        own = _place(context, builder, signature.args[5], state, first)
+        p = _place(context, builder, signature.args[7], parameters, at)
+        return _call(context, builder, SHAPE, address, [depth, regime, stiffness, ratio, own, p])
 
-    result = types.float64(address, types.float64, types.int64, types.float64, state, first, parameters, at)
-    return result, codegen
+    kinds = (types.float64, types.int64, types.float64, types.float64)
+    return types.float64(address, *kinds, state, first, parameters, at), codegen
 
 
 def _call_switched(typingctx, address, before, after, state, first, parameters, at):

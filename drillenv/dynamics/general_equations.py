@@ -82,10 +82,11 @@ def bend(model: Model, regime: int, depth: float, z: np.ndarray) -> float:
     """The depth in m as effects bend it: the force of the rock law over its stiffness."""
     if model.bent:
         table, ratio = model.effects, model.kl / model.ku
+        k = model.kl if regime == LOADING else model.ku
         for i in range(table.shape[0]):
             if table[i, SHAPE_AT] != 0:
                 first, at = table[i, FIRST], table[i, AT]
-                depth = call_shape(table[i, SHAPE_AT], depth, regime, ratio, z, first, model.parameters, at)
+                depth = call_shape(table[i, SHAPE_AT], depth, regime, k, ratio, z, first, model.parameters, at)
     return depth
 
 

@@ -49,10 +49,6 @@ DELTA = 1e-5
 APART = 1e-6
 """How far apart the two runs start, in scales, whose parting gives the exponent."""
 EXPONENT_PERIODS = 1000
-COUNTS = {"rock-compaction": "soft_n"}
-"""Effects whose first extra state counts, and the parameter that says over how many it acts."""
-COUNTED = 10.0
-"""So many times that number leave less than 5e-5 of what the count acts on."""
 ENDLESS = 1e11
 """A count at which nothing is left of what it acts on, and far below what a Start takes."""
 SLOW = {"air-spring": "tau"}
@@ -139,14 +135,13 @@ class Section:
             chosen, at = effects[index], int(row[FIRST])
             effect = chosen.effect
             # without strength an extra state stands still or fades unseen, and would only look like a multiplier
-            if not effect.extras or chosen.values[0] == effect.parameters[0].neutral or effect.grips is not None:
+            if not effect.extras or not _acts(chosen) or effect.grips is not None:
                 continue
-            named = {part.symbol: value for part, value in zip(effect.parameters, chosen.values, strict=True)}
-            if effect.name in COUNTS:
-                self.counts.append((at, COUNTED * named[COUNTS[effect.name]]))
+            if effect.counted is not None:
+                self.counts.append((at, effect.counted(chosen.values)))
                 continue
             if effect.name in SLOW:
-                self.rest = max(self.rest, RESTED * named[SLOW[effect.name]])
+                self.rest = max(self.rest, RESTED * chosen.given[SLOW[effect.name]])
             if row[FACE]:
                 columns.append(U)
                 scales.append(length)
@@ -259,6 +254,13 @@ class Section:
             ahead, behind = (self.returned(place, point + way * step, periods) for way in (1.0, -1.0))
             columns.append((ahead - behind) / (2.0 * DELTA))
         return np.stack(columns, axis=1)
+
+
+def _acts(chosen: Chosen) -> bool:
+    """Whether an effect has any strength: by its first parameter, which is that of every effect with extra states."""
+    if chosen.effect.axes is not None:
+        return not chosen.is_neutral
+    return chosen.values[0] != chosen.effect.parameters[0].neutral
 
 
 def settle_on(section: Section, place: Place, wait: int, patience: int) -> Settled:

@@ -46,7 +46,7 @@ class Episode:
     blows: int
     phase: float
     rig: np.ndarray
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def as_record(self) -> dict[str, Any]:
         """The episode as JSON takes it: stiffnesses in MN/m, thicknesses in mm."""
@@ -108,7 +108,7 @@ def read_episode(record: object, where: str) -> Episode:
     )
 
 
-def read_effects(record: object, where: str) -> dict[str, dict[str, float]]:
+def read_effects(record: object, where: str) -> dict[str, dict[str, Any]]:
     """Effects by name with their parameters, checked against the registry.
 
     Raises:
@@ -180,11 +180,10 @@ def draw_rig(rig: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return rig + spread * np.clip(rng.standard_normal(RIG_SIZE), -3.0, 3.0)
 
 
-def draw_effect(rng: np.random.Generator) -> dict[str, dict[str, float]]:
+def draw_effect(rng: np.random.Generator) -> dict[str, dict[str, Any]]:
     """One effect of the registry that acts on the drilling rig's motion, at a strength that a lab might meet."""
     from drillenv.dynamics.effects import REGISTRY, drawn
 
     acting = [name for name, effect in REGISTRY.items() if effect.moves_rig]
     chosen = drawn(acting[int(rng.integers(len(acting)))], rng)
-    symbols = (parameter.symbol for parameter in chosen.effect.parameters)
-    return {chosen.effect.name: dict(zip(symbols, chosen.values, strict=True))}
+    return {chosen.effect.name: chosen.given}

@@ -84,8 +84,6 @@ SHORTEST_FLIGHT = 1e-9
 """s: a flight shorter than this is no time to change the rock in; the next one will do."""
 PEAK_SAMPLES = 32
 """Samples of the piece of a loading that is searched for its largest force."""
-FACE_EFFECTS = ("rock-compaction",)
-"""The effects whose extra states are a memory of the face, and begin anew with it."""
 _X1, _X2, _V2, _ACCELERATION, _FORCE, _FACE = 0, 1, 3, 4, 5, 6
 """Columns of a sample of the general engine."""
 _TIME, _PEAK = 0, 1
@@ -228,7 +226,7 @@ def enter_leg(plants: Plants, i: int, regime: int, z, leg, held: float, impacts,
 class GeneralSnapshot:
     """What a rig on the general engine keeps beside its row of Plants. Copies and pickles."""
 
-    effects: Mapping[str, Mapping[str, float]]
+    effects: Mapping[str, Mapping[str, Any]]
     z: np.ndarray
     peak: float
 
@@ -244,7 +242,7 @@ class GeneralPlant:
         InputError: an effect that the registry does not have, or that does not act on the motion.
     """
 
-    def __init__(self, plants: Plants, i: int, effects: Mapping[str, Mapping[str, float]]):
+    def __init__(self, plants: Plants, i: int, effects: Mapping[str, Mapping[str, Any]]):
         self._prepare(plants, i, effects)
         model, order = self.model_at(START)
         self.z, _regime = first_state(model, None, self.chosen, order)
@@ -252,7 +250,7 @@ class GeneralPlant:
         self.peak = 0.0
         """Largest force in N so far of a loading that has not come to its turn, where the force may peak before it."""
 
-    def _prepare(self, plants: Plants, i: int, effects: Mapping[str, Mapping[str, float]]) -> None:
+    def _prepare(self, plants: Plants, i: int, effects: Mapping[str, Mapping[str, Any]]) -> None:
         self.plants, self.i = plants, i
         self.effects = {name: dict(values) for name, values in effects.items()}
         self.chosen = tuple(make(name, **values) for name, values in self.effects.items())
@@ -480,7 +478,7 @@ class _Interval:
         """Let the effects that remember the face begin anew: the indenter has come to another layer."""
         for row, k in zip(self.model.effects, self.order, strict=True):
             effect = self.rig.chosen[k].effect
-            if effect.name in FACE_EFFECTS:
+            if effect.counted is not None:
                 self.z[row[FIRST] : row[FIRST] + len(effect.extras)] = 0.0
 
 

@@ -92,12 +92,7 @@ class Task:
         self.window = choice("observations", observations, OBSERVATIONS) == "window"
         self.noise = number("noise", noise, 0.0, 100.0)
         self.rig = rig_array(self.corrected.rig)
-        self.effects = {
-            chosen.effect.name: dict(
-                zip((parameter.symbol for parameter in chosen.effect.parameters), chosen.values, strict=True)
-            )
-            for chosen in moving
-        }
+        self.effects = {chosen.effect.name: chosen.given for chosen in moving}
 
     @property
     def action_space(self) -> Box:

@@ -432,7 +432,7 @@ def test_drawn_strengths_are_typical_and_reproduce(name):
         assert part.typical[0] <= value <= part.typical[1]
 
 
-def _harder_rock(depth, regime, ratio, own, p):
+def _harder_rock(depth, regime, stiffness, ratio, own, p):
     return depth * (1.0 - p[0] * math.exp(-own[0])) if regime == 1 else depth
 
 

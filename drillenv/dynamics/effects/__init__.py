@@ -9,11 +9,11 @@ functions that the general engine compiles:
     ``push[ON_ROCK]`` (N, positive: the rock resists more; ignored out of contact). ``now`` is a :class:`Moment`, ``p``
     the parameters in their order, ``own`` the effect's extra states, whose time derivatives go to ``rates``. The
     engine takes care that the contact never pulls.
-``shape(depth, regime, ratio, own, p) -> depth``
-    Bends the rock law to ``R = k * shape(depth)``, k being k_l while loading and k_u while unloading, ``ratio`` their
-    quotient k_l / k_u: rising, 0 at 0, and defined for negative depths too, since a trial step may overshoot. Shapes of
-    several effects follow one another. So that the rock gives nothing away, each force must be reached on a way out
-    that is no softer than the way in.
+``shape(depth, regime, stiffness, ratio, own, p) -> depth``
+    Bends the rock law to ``R = k * shape(depth)``, k, the ``stiffness``, being k_l while loading and k_u while
+    unloading, ``ratio`` their quotient k_l / k_u: rising, 0 at 0, and defined for negative depths too, since a trial
+    step may overshoot. Shapes of several effects follow one another. So that the rock gives nothing away, each force
+    must be reached on a way out that is no softer than the way in.
 ``switched(before, after, own, p)``
     Called at each change of regime; may change the effect's extra states. What a shape reads may change only where a
     contact begins or ends, or the force would jump.
@@ -31,20 +31,25 @@ engine does the rest.
 
 Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
 what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig.
+
+An effect that follows a measured curve has no parameters of its own, but ``axes``: what the curve is over and what it
+gives. Its ``p`` is the row of parameters that ``axes.row`` makes of a curve. A module with several effects sets
+``EFFECTS`` in place of ``EFFECT``.
 """
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from drillenv.checks import InputError, choice, number
+from drillenv.dynamics.curves import LARGEST, Curve, curve_from
 
 ON_SHAKER, ON_INDENTER, ON_ROCK = 0, 1, 2
 """Where a force acts, as an index into ``push``."""
@@ -144,6 +149,25 @@ class Extra:
 
 
 @dataclass(frozen=True, slots=True)
+class Axes:
+    """What the measured curve of an effect is over, and what it gives."""
+
+    argument: str
+    """As in: the rig's own spring is shortened by ``argument``."""
+    argument_unit: str
+    quantity: str
+    """What the curve gives, with the sign that it counts by."""
+    unit: str
+    row: Callable[[Curve], tuple[float, ...]]
+    """Makes the row of parameters of a curve. A ``ValueError`` says why a curve cannot be one of this effect."""
+    neutral: float = 0.0
+    """The value at which the effect is as if absent."""
+    low: float = -LARGEST
+    high: float = LARGEST
+    """Values allowed."""
+
+
+@dataclass(frozen=True, slots=True)
 class Effect:
     """All there is to say about one effect. See the package's docstring for its functions."""
 
@@ -155,6 +179,7 @@ class Effect:
     source: str
     """A publication, or ``constitutive`` for a textbook form that needs none."""
     parameters: tuple[Parameter, ...]
+    """None where it follows a measured curve."""
     balances: tuple[Balance, ...]
     """The force balances in which it may act."""
     regimes: tuple[RegimeName, ...]
@@ -183,6 +208,11 @@ class Effect:
     """``measure`` follows the signal between samples, so it wants them dense."""
     on_body: Callable[..., np.ndarray] | None = None
     """Force in N on the mass of a one-body rig, to be added to mass * acceleration = force - law."""
+    counted: Callable[[tuple[float, ...]], float] | None = None
+    """Its first extra state counts impacts on a face, and all of them begin anew on a fresh one: after how many, for
+    these parameters, nothing changes any more."""
+    axes: Axes | None = None
+    """Of the measured curve that it follows."""
 
     @property
     def neutral(self) -> tuple[float, ...]:
@@ -212,20 +242,45 @@ class Chosen:
 
     effect: Effect
     values: tuple[float, ...]
+    """Of an effect that follows a measured curve the row of parameters that the engine reads it from."""
+    curve: Curve | None = None
+    """The measured curve that it follows, if any."""
 
     @property
     def is_neutral(self) -> bool:
         """Whether every parameter is at its neutral value."""
+        if self.curve is not None and self.effect.axes is not None:
+            return all(value == self.effect.axes.neutral for value in self.curve.y)
         return self.values == self.effect.neutral
 
+    @property
+    def given(self) -> dict[str, Any]:
+        """What to give :func:`make` for it by name, as JSON takes it."""
+        axes = self.effect.axes
+        if self.curve is None or axes is None:
+            return dict(zip((each.symbol for each in self.effect.parameters), self.values, strict=True))
+        return {
+            "argument_unit": axes.argument_unit,
+            "unit": axes.unit,
+            "x": list(self.curve.x),
+            "y": list(self.curve.y),
+            "beyond": self.curve.beyond,
+        }
 
-def make(name: str, /, **values: float) -> Chosen:
+
+def make(name: str, /, **values: Any) -> Chosen:
     """An effect of the registry with values for its parameters by symbol; those left out are neutral.
 
+    An effect that follows a measured curve (``TABULATED``) takes the curve in place of parameters: ``x`` and ``y``, 2
+    to 64 numbers each in SI, and where they are to be other than these ``beyond="held"``, which says how the curve goes
+    on outside its range (or ``"straight"``), and ``argument_unit`` and ``unit``, which are only compared.
+
     Raises:
-        InputError: no such effect or parameter, or a value outside its bounds.
+        InputError: no such effect or parameter, a value outside its bounds, or not a curve for this effect.
     """
-    choice("effect", name, tuple(REGISTRY))
+    choice("effect", name, (*REGISTRY, *TABULATED))
+    if name in TABULATED:
+        return _along(TABULATED[name], values)
     effect = REGISTRY[name]
     symbols = tuple(parameter.symbol for parameter in effect.parameters)
     for symbol in values:
@@ -248,16 +303,31 @@ def drawn(name: str, rng: np.random.Generator) -> Chosen:
     return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in REGISTRY[name].parameters})
 
 
-def _found() -> MappingProxyType[str, Effect]:
+def _along(effect: Effect, values: Mapping[str, object]) -> Chosen:
+    """An effect with the curve that it is to follow."""
+    axes = effect.axes
+    assert axes is not None
+    curve = curve_from(effect.name, values, axes.argument_unit, axes.unit, axes.low, axes.high)
+    try:
+        return Chosen(effect, axes.row(curve), curve)
+    except ValueError as error:
+        raise InputError(f"the curve of {effect.name} cannot be: {error}") from None
+
+
+def _found() -> dict[str, Effect]:
     """Every effect of this package by name."""
     found: dict[str, Effect] = {}
-    for module in sorted(info.name for info in pkgutil.iter_modules(__path__)):
-        effect = importlib.import_module(f"{__name__}.{module}").EFFECT
-        if effect.name in found:
-            raise RuntimeError(f"two effects are called {effect.name}: rename the one in {module}.py")
-        found[effect.name] = effect
-    return MappingProxyType(found)
+    for name in sorted(info.name for info in pkgutil.iter_modules(__path__)):
+        module = importlib.import_module(f"{__name__}.{name}")
+        for effect in getattr(module, "EFFECTS", None) or (module.EFFECT,):
+            if effect.name in found:
+                raise RuntimeError(f"two effects are called {effect.name}: rename the one in {name}.py")
+            found[effect.name] = effect
+    return found
 
 
-REGISTRY = _found()
-"""Every effect by name."""
+_EVERY = _found()
+REGISTRY: Mapping[str, Effect] = MappingProxyType({name: each for name, each in _EVERY.items() if each.axes is None})
+"""Every effect with an equation and parameters, by name."""
+TABULATED: Mapping[str, Effect] = MappingProxyType({name: each for name, each in _EVERY.items() if each.axes})
+"""Every effect that follows a measured curve, by name."""

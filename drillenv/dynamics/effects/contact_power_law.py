@@ -6,7 +6,7 @@ REFERENCE_DEPTH = 1e-4
 """d0 in m: at this depth the force is that of the linear law, so that k_l and k_u keep the unit N/m."""
 
 
-def _shape(depth, regime, ratio, own, p):
+def _shape(depth, regime, stiffness, ratio, own, p):
     if p[0] == 1.0:
         return depth
     bent = REFERENCE_DEPTH * (abs(depth) / REFERENCE_DEPTH) ** p[0]

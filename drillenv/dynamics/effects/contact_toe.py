@@ -5,7 +5,7 @@ import math
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Parameter
 
 
-def _shape(depth, regime, ratio, own, p):
+def _shape(depth, regime, stiffness, ratio, own, p):
     thickness = p[0] if regime == 1 else p[0] * p[2] * ratio
     if thickness == 0.0:
         return depth

@@ -5,7 +5,7 @@ import math
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Extra, Parameter
 
 
-def _shape(depth, regime, ratio, own, p):
+def _shape(depth, regime, stiffness, ratio, own, p):
     return depth * (1.0 - p[0] * math.exp(-own[1] / p[1]))
 
 
@@ -15,6 +15,11 @@ def _switched(before, after, own, p):
     elif before == 0:
         # the stiffness may change only here, where there is no force that would jump
         own[1] = own[0]
+
+
+def _counted(p):
+    # ten times leave less than 5e-5 of what the face lacked
+    return 10.0 * p[1]
 
 
 EFFECT = Effect(
@@ -41,4 +46,5 @@ EFFECT = Effect(
     ),
     shape=_shape,
     switched=_switched,
+    counted=_counted,
 )
