@@ -23,6 +23,7 @@ from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
 from drillenv.checks import InputError, choice, number, shown
+from drillenv.dynamics.corners import time_to
 
 Floats = NDArray[np.float64]
 Beyond = Literal["held", "straight"]
@@ -218,14 +219,6 @@ def time_to_knot(p, x, speed, change):
     for i in range(max(below - 1, 0), min(below + 3, count)):
         knot = p[KNOTS + i]
         width = p[KNOTS + i + 1] - knot if i < count - 1 else knot - p[KNOTS + i - 1]
-        off = x - knot
-        square = speed * speed - 2.0 * change * off
-        if abs(off) <= ON_IT * width or square < 0.0:
-            continue
-        # both roots of off + speed t + change t^2 / 2 from a sum of speeds, neither from a difference of near equals
-        both = speed + math.copysign(math.sqrt(square), speed)
-        if both != 0.0 and off / both < 0.0:
-            first = min(first, -2.0 * off / both)
-        if change != 0.0 and both / change < 0.0:
-            first = min(first, -both / change)
+        if abs(x - knot) > ON_IT * width:
+            first = min(first, time_to(x - knot, speed, change))
     return first

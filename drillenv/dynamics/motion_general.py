@@ -9,7 +9,9 @@ extra states of the effects, each over a scale of its own. States that cannot re
 
 - the way in which dry friction lets a mass slide, which follows from its speed;
 - counts, which only grow. While the rock compacts no motion recurs. The rig is run until the count has done its work,
-  and is then put at the end of it: what is found is the motion on the compacted rock.
+  and is then put at the end of it: what is found is the motion on the compacted rock;
+- angles that go round at a rate of their own, as that of a turning rock. A motion can close only after so many periods
+  as bring them back; where none do, what is found are the means of a motion that does not close.
 
 States that recur but come to rest slowly, as the pressure of an air spring, are given the time they say they need.
 """
@@ -44,6 +46,8 @@ NEARLY_CLOSED = 1e-7
 """or to within this much and no nearer: what rounding leaves over many periods."""
 SAME_ORBIT = 1e-6
 """Two points closer than this are of one orbit."""
+BACK = 1e-7
+"""An angle is back to within this share of a turn."""
 DELTA = 1e-5
 """Step of the differences, in scales: rounding then costs some 1e-5 of a multiplier, the bend of the map less."""
 APART = 1e-6
@@ -129,11 +133,18 @@ class Section:
         columns, scales = [Y, V1, V2, W], [length, speed, speed, length]
         self.counts: list[tuple[int, float]] = []
         """Where a count stands in the state, and how far it has to come."""
+        self.angles: list[int] = []
+        """Where angles stand in the state that go round at a rate of their own."""
+        self.closing = np.ones(LONGEST_PERIOD + 1, dtype=bool)
+        """Whether a motion can close after so many periods."""
         self.rest = 0.0
         """Time in s that the slowest extra state needs."""
         for row, index in zip(self.model.effects, self.order, strict=True):
             chosen, at = effects[index], int(row[FIRST])
             effect = chosen.effect
+            if effect.extras and effect.extras[0].turns:
+                self.angles.append(at)
+                continue
             # without strength an extra state stands still or fades unseen, and would only look like a multiplier
             if not effect.extras or not _acts(chosen) or effect.grips is not None:
                 continue
@@ -230,6 +241,12 @@ class Section:
         """The place so many excitation periods on."""
         return self.run(place, periods * self.duration, 1.0, self.samples(0), RTOL)[0]
 
+    def follow_angles(self, place: Place) -> None:
+        """Find out after how many periods all angles come back."""
+        turn = (self.after(place, 1).z - place.z)[self.angles]
+        off = np.outer(np.arange(LONGEST_PERIOD + 1), turn) / TURN
+        self.closing = np.all(np.abs(off - np.round(off)) < BACK, axis=1)
+
     def counted_out(self, place: Place, patience: int) -> Place:
         """Run until what is counted has done its work, at most ``patience`` periods, and let the counts be endless."""
         if all(place.z[at] >= goal for at, goal in self.counts):
@@ -272,14 +289,16 @@ def settle_on(section: Section, place: Place, wait: int, patience: int) -> Settl
     longest = MORE_PATIENCE * patience
     place = section.counted_out(place, patience)
     place = section.after(place, min(math.ceil(section.rest / section.duration), longest))
+    if section.angles:
+        section.follow_angles(place)
     found = _find(section, place, wait, patience)
-    if found.period == 0 and found.exponent * section.duration < LINGERING:
+    if found.period == 0 and found.exponent * section.duration < LINGERING and section.closing[1:].any():
         found = _find(section, found.place, wait, longest)
     return found
 
 
 def _find(section: Section, place: Place, wait: int, patience: int) -> Settled:
-    """As ``find_motion`` of orbits.py."""
+    """As ``find_motion`` of orbits.py, among the periods after which a motion can close."""
     done, target = 0, wait
     while done < patience:
         first = section.after(place, target)
@@ -301,6 +320,8 @@ def _closed(section: Section, first: Place, track: list[np.ndarray]) -> tuple[Se
     """The orbit that a track closes in on, if any, and whether it lingers on one that is not stable."""
     nearest, tried, lingers = np.inf, 0, False
     for n in range(1, LONGEST_PERIOD + 1):
+        if not section.closing[n]:
+            continue
         near = _apart(track[n], track[0])
         # a return worth trying: near, and clearly nearer than any shorter one
         if not near < 0.1 or not near < 0.2 * nearest or tried == 4:
@@ -352,7 +373,9 @@ def _orbit(section: Section, place: Place, point: np.ndarray, n: int) -> np.ndar
 def _described(section: Section, first: Place, orbit: np.ndarray, n: int, values: np.ndarray) -> Settled:
     """Go around an orbit that closes after n periods, or already after a part of them."""
     for shorter in range(1, n):
-        if n % shorter == 0 and _apart(section.returned(first, orbit, shorter), orbit) < SAME_ORBIT:
+        if n % shorter or not section.closing[shorter]:
+            continue
+        if _apart(section.returned(first, orbit, shorter), orbit) < SAME_ORBIT:
             n, values = shorter, np.linalg.eigvals(section.tangent(first, orbit, shorter))
             break
     place = section.moved(first, orbit)

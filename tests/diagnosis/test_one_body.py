@@ -433,7 +433,8 @@ def test_terms_are_the_effects_of_the_library(shaken):
             continue
         strengths = np.array([made.truth["stiffness"] if variant.mechanism == "backlash" else 1.0])
         parameters = variant.named(strengths)
-        ordered = [parameters[each.symbol] for each in REGISTRY[variant.mechanism].parameters]
+        # a parameter that is not looked for is neutral
+        ordered = [parameters.get(each.symbol, each.neutral) for each in REGISTRY[variant.mechanism].parameters]
         state = (body.smooth_position, body.smooth_velocity, body.smooth_force)
         force = act(*state, made.truth["stiffness"], ordered)
         ours = -sum(s * term.column(body) for s, term in zip(strengths, variant.terms, strict=True))

@@ -44,6 +44,9 @@ MECHANISMS = {
     "viscous-damping": "body",
     "dry-friction": "body",
     "backlash": "indenter, body",
+    "rock-rotation": "contact",
+    "external-vibration": "shaker, indenter",
+    "sensor-highpass": "sensor",
 }
 
 
@@ -118,6 +121,7 @@ def test_neutral_values_of_all_change_nothing():
     same(run(), run(make("drive-harmonics", phi2=1.0, phi3=-2.0), make("air-spring", tau=0.02)))
     same(run(), run(make("rock-mount-compliance", m_r=3.0, zeta_r=0.7)))
     same(run(), run(make("contact-toe", r=0.5, e=0.3), make("rock-compaction", soft_n=30.0), make("backlash", y0=1e-3)))
+    same(run(), run(make("rock-rotation", Omega=9.0, psi=1.0), make("external-vibration", f=33.0, psi=2.0)))
 
 
 @pytest.mark.parametrize("name", MOVING)
@@ -370,6 +374,44 @@ def test_force_limit_is_its_equation():
     assert np.allclose(left, np.clip(drive, -300, 300) - drive, rtol=0, atol=1e-7)
 
 
+def test_limited_spring_is_its_equation():
+    result = run(make("force-limit", F_s=200.0))
+    left, _theta = on_indenter(result)
+    spring = RIG.stiffness * (result.x1 - result.x2)
+    assert np.max(spring) > 205
+    assert np.allclose(left, np.clip(spring, -200, 200) - spring, rtol=0, atol=1e-7)
+    assert abs(result.energy.error) < 1e-9 * result.energy.drive
+
+
+def test_rotation_turns_the_stiffness_from_contact_to_contact():
+    eps, speed, psi = 0.3, 25.0, 0.7
+    result = run(make("rock-rotation", eps=eps, Omega=speed, psi=psi), seconds=0.5)
+    assert np.allclose(result.extra[:, 0], speed * result.time, rtol=1e-12, atol=1e-12)
+    factor = 1 + eps * np.cos(speed * result.impacts.contact_time + psi)
+    assert np.ptp(factor) > 0.5
+    assert np.allclose(result.impacts.force / result.impacts.depth / ROCK.loading_stiffness, factor, rtol=1e-9)
+
+
+def test_external_vibration_is_its_equation():
+    one, two, f, psi = 80.0, 3.0, 31.0, -0.4
+    result = run(make("external-vibration", F1=one, F2=two, f=f, psi=psi))
+    wave = np.sin(2 * math.pi * f * result.time + psi)
+    assert np.allclose(on_indenter(result)[0], two * wave, rtol=0, atol=1e-8)
+    # the shaker by its momentum
+    static = RIG.static_force(SETTING)
+    force = static + one * wave - RIG.stiffness * (result.x1 - result.x2) - RIG.damping * (result.v1 - result.v2)
+    moved = cumulative_simpson(force / RIG.shaker_mass, x=result.time, initial=0.0)
+    assert np.allclose(result.v1, moved, rtol=0, atol=2e-6) and np.max(np.abs(result.v1)) > 3e-3
+
+
+@pytest.mark.parametrize("name", ["rock-rotation", "external-vibration"])
+def test_what_turns_goes_on_where_it_ended(name):
+    whole, first = run(strong(name), seconds=0.4, rate=0), run(strong(name), seconds=0.15, rate=0)
+    second = run(strong(name), seconds=0.25, rate=0, phase=first.end_phase, start=first.end)
+    assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
+    assert second.end.extra == pytest.approx(whole.end.extra, rel=1e-12)
+
+
 def test_backlash_is_its_equation_and_stores():
     play, beyond = 4e-4, -5e-5
     result = run(make("backlash", g=play, y0=beyond))
@@ -396,6 +438,10 @@ def test_effects_on_a_body_are_their_equations():
         "dry-friction": -7 * np.sign(v),
         "backlash": np.where(x < -2e-3, 0.0, np.where(x > 3e-3, k * 5e-3, k * (x + 2e-3))),
     }
+    spring = make("force-limit", F_s=30.0)
+    assert np.allclose(
+        spring.effect.on_body(x, v, applied, k, spring.values), k * x - np.clip(k * x, -30, 30), rtol=1e-12, atol=1e-12
+    )
     values = {
         "stiffness-hardening": {"k3": 3e8},
         "force-limit": {"F_max": 80.0},

@@ -197,6 +197,7 @@ def test_samples_are_the_motion():
     "chosen",
     [
         effects.make("force-limit", F_max=180.0),
+        effects.make("force-limit", F_s=200.0),
         effects.make("backlash", g=4e-4, y0=-5e-5),
         effects.make("indenter-friction", fc2=30.0, vs2=1e-4),
     ],
@@ -218,7 +219,7 @@ def test_a_corner_is_always_ahead(name):
     rng = np.random.default_rng(11)
     effect = effects.REGISTRY[name]
     chosen = {
-        "force-limit": (180.0,), "backlash": (4e-4, -5e-5), "indenter-friction": (30.0, 1e-3),
+        "force-limit": (180.0, 190.0), "backlash": (4e-4, -5e-5), "indenter-friction": (30.0, 1e-3),
     }[name]  # fmt: skip
     at = math.asin(180.0 / 400.0)
     phases = [

@@ -164,3 +164,35 @@ def test_what_are_no_effects_on_the_motion(effects, said):
         motion(CENTRE, effects=effects)
     with pytest.raises(InputError, match=said):
         motions(CENTRE, effects=effects, starts=2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "periods"),
+    [
+        (make("external-vibration", F1=100.0, F2=2.0, f=40.0), 3),
+        (make("external-vibration", F1=100.0, F2=2.0, f=240.0), 1),
+        (make("rock-rotation", eps=0.1, Omega=2 * np.pi * 30.0), 4),
+        (make("external-vibration", f=33.3), 1),
+        (make("rock-rotation", Omega=11.0), 1),
+    ],
+    ids=["a third", "twice", "a quarter", "no force", "even rock"],
+)
+def test_what_turns_at_a_rate_of_its_own_sets_the_period(effect, periods):
+    """Of 120 Hz; without it the motion is P-1-I-1."""
+    found = motion(CENTRE, effects=[effect])
+    assert found.period == periods and found.stable
+    assert found.multipliers.shape == (4,)
+    settled = run_general(Rig(), CENTRE, rock(4), 10.0, 0.0, effects=(effect,))
+    run = run_general(Rig(), CENTRE, rock(4), 0.1, 120.0, 0.0, settled.end, (effect,))
+    assert np.abs(run.v2[periods:] - run.v2[:-periods]).max() < 1e-7
+    assert found.peak_force == pytest.approx(run.impacts.force.max(), rel=1e-6)
+    assert found.penetration_rate == pytest.approx(12 * (run.penetration[-1] - run.penetration[0]) / 1.2, rel=1e-6)
+
+
+def test_a_vibration_of_a_frequency_without_ratio_lets_nothing_close():
+    effect = make("external-vibration", F1=100.0, F2=2.0, f=40.0 * 2**0.5)
+    found = motion(CENTRE, effects=[effect], patience=500)
+    assert found.period == 0 and found.exponent < 0.0 and not found.stable
+    plain = motion(CENTRE)
+    assert found.impacts == pytest.approx(plain.impacts, abs=0.1)
+    assert found.penetration_rate == pytest.approx(plain.penetration_rate, rel=0.1)

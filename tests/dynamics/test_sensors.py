@@ -59,6 +59,37 @@ def test_lowpass_has_its_gain_and_phase(frequency):
     assert frequency != 1500.0 or math.isclose(abs(response), 10 ** (-3.0103 / 20), rel_tol=1e-5)
 
 
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 40.0])
+def test_highpass_has_its_gain_and_phase(frequency):
+    true, t = tone(frequency, rate=10e3, seconds=8.0)
+    reading = read(true, [make("sensor-highpass", corner_f=2.0, corner_a=0.7)])
+    late = t > 6.0
+    for made, size, corner in ((reading.force, 900.0, 2.0), (reading.acceleration, 300.0, 0.7)):
+        response = 1 / complex(1, -corner / frequency)
+        expected = size * np.imag(response * np.exp(2j * math.pi * frequency * t))
+        assert np.max(np.abs(made - expected)[late]) < 1e-4 * size
+    assert np.array_equal(reading.excitation, true.excitation)
+
+
+def test_highpass_has_settled_on_the_mean_unless_the_rig_stood_still():
+    """A step of a channel dies out within its time constant; one that was always there is gone from the start."""
+    time = np.arange(4000) / 1e3
+    for from_rest, expected in ((False, np.zeros(4000)), (True, 50.0 * np.exp(-2 * math.pi * 0.5 * time))):
+        true = Channels(1e3, 0.0, np.zeros(4000), np.full(4000, 50.0), np.full(4000, 50.0), from_rest)
+        reading = read(true, [make("sensor-highpass", corner_f=0.5)])
+        # the step is taken as a ramp over the sample before the first
+        assert np.allclose(reading.force, expected, rtol=0, atol=0.1)
+        assert np.all(reading.acceleration == 50.0)
+
+
+def test_recorded_highpass_takes_the_mean_and_hardly_more():
+    plain, coupled = recorded(), recorded(make("sensor-highpass", corner_f=0.3))
+    mean = plain.channels.force.mean()
+    assert abs(coupled.channels.force.mean()) < 0.05 * mean
+    off = plain.channels.force - coupled.channels.force - mean
+    assert np.max(np.abs(off)) < 0.2 * np.max(plain.channels.force)
+
+
 def rung(run, w, zeta):
     """The reading of a ringing accelerometer at the samples of a run, by the classical Runge-Kutta method."""
     h, reading = run.time[1], np.empty(run.time.size)

@@ -175,6 +175,9 @@ def unbroken(effects, setting, seconds, rock, phase):
         {"rock-mount-compliance": {"s_r": 2e-8}},
         {"rock-compaction": {"soft": 0.5, "soft_n": 20.0}},
         {"air-spring": {"k_a": 2e3, "tau": 0.3}, "contact-toe": {"h": 2e-5}},
+        {"external-vibration": {"F1": 100.0, "F2": 2.0, "f": 33.0}, "rock-rotation": {"eps": 0.2, "Omega": 11.0}},
+        {"tabulated-spring": {"x": [0.0, 0.004, 0.008], "y": [0.0, 200.0, 900.0]}},
+        {"tabulated-compaction": {"x": [0.0, 10.0, 60.0], "y": [-0.4, -0.1, 0.0]}},
     ],
     ids=lambda effects: "+".join(effects),
 )

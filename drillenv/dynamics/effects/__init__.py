@@ -39,6 +39,7 @@ gives. Its ``p`` is the row of parameters that ``axes.row`` makes of a curve. A 
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
@@ -48,7 +49,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from drillenv.checks import InputError, choice, number
+from drillenv.checks import InputError, number, shown
 from drillenv.dynamics.curves import LARGEST, Curve, curve_from
 
 ON_SHAKER, ON_INDENTER, ON_ROCK = 0, 1, 2
@@ -146,6 +147,9 @@ class Extra:
     meaning: str
     unit: str
     size: float
+    turns: bool = False
+    """Whether it is an angle that goes round at a rate of its own, whatever the rig does, or is such an angle kept: a
+    motion then comes back only where these angles do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,10 +282,9 @@ def make(name: str, /, **values: Any) -> Chosen:
     Raises:
         InputError: no such effect or parameter, a value outside its bounds, or not a curve for this effect.
     """
-    choice("effect", name, (*REGISTRY, *TABULATED))
-    if name in TABULATED:
-        return _along(TABULATED[name], values)
-    effect = REGISTRY[name]
+    effect = _named(name, REGISTRY | TABULATED)
+    if effect.axes is not None:
+        return _along(effect, values)
     symbols = tuple(parameter.symbol for parameter in effect.parameters)
     for symbol in values:
         if symbol not in symbols:
@@ -299,8 +302,17 @@ def drawn(name: str, rng: np.random.Generator) -> Chosen:
     Raises:
         InputError: no such effect.
     """
-    choice("effect", name, tuple(REGISTRY))
-    return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in REGISTRY[name].parameters})
+    parameters = _named(name, REGISTRY).parameters
+    return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in parameters})
+
+
+def _named(name: object, among: Mapping[str, Effect]) -> Effect:
+    """The effect of this name; where there is none, the message names those that are spelled alike."""
+    if isinstance(name, str) and name in among:
+        return among[name]
+    near = difflib.get_close_matches(str(name), among, 5)
+    known = f"one of {', '.join(near)}" if near else "a name of REGISTRY or TABULATED of drillenv.dynamics.effects"
+    raise InputError(f"effect is {shown(name)}: give {known}")
 
 
 def _along(effect: Effect, values: Mapping[str, object]) -> Chosen:
@@ -327,7 +339,9 @@ def _found() -> dict[str, Effect]:
 
 
 _EVERY = _found()
-REGISTRY: Mapping[str, Effect] = MappingProxyType({name: each for name, each in _EVERY.items() if each.axes is None})
+REGISTRY: MappingProxyType[str, Effect] = MappingProxyType(
+    {name: each for name, each in _EVERY.items() if each.axes is None}
+)
 """Every effect with an equation and parameters, by name."""
-TABULATED: Mapping[str, Effect] = MappingProxyType({name: each for name, each in _EVERY.items() if each.axes})
+TABULATED: MappingProxyType[str, Effect] = MappingProxyType({name: each for name, each in _EVERY.items() if each.axes})
 """Every effect that follows a measured curve, by name."""

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from drillenv.dynamics.corners import time_to
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
 
 
@@ -20,16 +21,9 @@ def _corner(now, a1, a2, p):
     first, change = math.inf, a1 - a2
     for corner in (p[1], p[1] + p[0]):
         off = now.y - now.static / now.k - corner
-        square = now.closing**2 - 2.0 * change * off
         # a nanometre beside it is on it
-        if abs(off) < 1e-9 or square < 0.0:
-            continue
-        # both roots of off + closing t + change t^2 / 2 from a sum of speeds, neither from a difference of near equals
-        both = now.closing + math.copysign(math.sqrt(square), now.closing)
-        if both != 0.0 and off / both < 0.0:
-            first = min(first, -2.0 * off / both)
-        if change != 0.0 and both / change < 0.0:
-            first = min(first, -both / change)
+        if abs(off) >= 1e-9:
+            first = min(first, time_to(off, now.closing, change))
     return first
 
 
