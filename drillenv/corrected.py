@@ -19,7 +19,18 @@ In place of an equation's parameters an effect may carry a measured curve, of 2 
                     "x": [0.0, 0.004, 0.008], "y": [0.0, 3.1, 24.8], "beyond": "held"}}
 
 Outside its range a curve is held at its last value, or goes on straight where ``beyond`` is "straight". ``beyond`` and
-the units may be left out.
+the units may be left out. The curves, over what and of what:
+
+    tabulated-loading, -unloading   force of the rock (N), factor on k_l or k_u at that force
+    tabulated-rate-factor           speed into the rock (m/s), what its force grows by, as a share
+    tabulated-rate-force            speed into the rock (m/s), force added to the rock's (N)
+    tabulated-compaction            impacts on a fresh face, factor on k_l and k_u, less 1
+    tabulated-spring                X1 - X2 (m), force added to the coupling's (N)
+    tabulated-spring-from-rest      X1 - X2 - F_b / k (m), force added to the coupling's (N)
+    tabulated-damper                X1' - X2' (m/s), force added to the coupling's (N)
+    tabulated-guide, -indenter      speed of the mass (m/s), force against its motion (N)
+    tabulated-drive-waveform        phase of the excitation (rad), force added to the drive's, over F_a
+    tabulated-drive-curve           F_a sin(theta) (N), force added to the drive's (N)
 """
 
 from __future__ import annotations

@@ -232,7 +232,10 @@ def inlined_slope(
 def whole_force(law: float, added: float) -> float:
     """The contact never pulls. Behind the face (law below 0) a trial step goes on smoothly instead."""
     whole = law + added
-    return 0.0 if law > 0.0 and whole < 0.0 else whole
+    if law > 0.0:
+        return max(whole, 0.0)
+    # what pulls at the face itself, as a damper does on the way out, would jump here, in a step that ends on the face
+    return law if added < 0.0 else whole
 
 
 @njit(**INNER)

@@ -235,6 +235,14 @@ def test_a_force_over_speed_is_kelvin_and_voigt():
     assert ours.energy.effects[0] < 0.0
 
 
+def test_a_contact_that_a_damper_ends_is_followed_to_the_tolerance():
+    """On the way out the damper would pull at the face; a trial step that ends there must not see its force jump."""
+    chosen = make("tabulated-rate-force", x=[-1.0, 1.0], y=[-400.0, 400.0])
+    ends = [run(chosen, seconds=0.1, rtol=rtol) for rtol in (1e-9, 1e-12, 1e-13)]
+    for one, off in zip(ends, (1e-7, 1e-9), strict=False):
+        assert np.max(np.abs(one.impacts.force / ends[2].impacts.force - 1.0)) < off
+
+
 @pytest.mark.parametrize("n", [1.3, 1.6])
 def test_both_tangents_are_the_power_law(n):
     """Below the first knot, at 2 N, the tangent is held; n (R / k d0)^(1 - 1/n) goes to zero there."""
