@@ -181,9 +181,12 @@ def draw_rig(rig: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def draw_effect(rng: np.random.Generator) -> dict[str, dict[str, Any]]:
-    """One effect of the registry that acts on the drilling rig's motion, at a strength that a lab might meet."""
-    from drillenv.dynamics.effects import REGISTRY, drawn
+    """One effect of this package that acts on the drilling rig's motion, at a strength that a lab might meet.
 
-    acting = [name for name, effect in REGISTRY.items() if effect.moves_rig]
+    Effects of other distributions are left out, so that a seed draws the same wherever it is drawn.
+    """
+    from drillenv.dynamics.effects import LIBRARY, drawn
+
+    acting = [name for name, effect in LIBRARY.items() if effect.moves_rig]
     chosen = drawn(acting[int(rng.integers(len(acting)))], rng)
     return {chosen.effect.name: chosen.given}

@@ -1,8 +1,9 @@
 """Physics the paper leaves out: one file an effect, found by walking this package.
 
-To add an effect, write one new module here that sets ``EFFECT``; nothing else changes. The module says everything about
-the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is one to four plain
-functions that the general engine compiles:
+To add an effect, write one new module here that sets ``EFFECT``; nothing else changes. Effects of other distributions
+join those of this package by the entry point group ``drillenv.effects``, see CONTRIBUTING.md. The module says
+everything about the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is one
+to four plain functions that the general engine compiles:
 
 ``term(now, own, p, push, rates)``
     Smooth forces. Add to ``push[ON_SHAKER]`` and ``push[ON_INDENTER]`` (N, positive toward the rock) and to
@@ -40,17 +41,29 @@ gives. Its ``p`` is the row of parameters that ``axes.row`` makes of a curve. A 
 from __future__ import annotations
 
 import difflib
+import functools
 import importlib
+import importlib.metadata
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from drillenv.checks import InputError, number, shown
 from drillenv.dynamics.curves import LARGEST, Curve, curve_from
+
+GROUP = "drillenv.effects"
+"""Entry points of other distributions: each loads to an Effect, or to a list of them."""
+if TYPE_CHECKING:
+    REGISTRY: MappingProxyType[str, Effect]
+    """Every effect with an equation and parameters, by name."""
+    TABULATED: MappingProxyType[str, Effect]
+    """Every effect that follows a measured curve, by name."""
+    LIBRARY: MappingProxyType[str, Effect]
+    """Those of REGISTRY that come with this package, whatever else is installed."""
 
 ON_SHAKER, ON_INDENTER, ON_ROCK = 0, 1, 2
 """Where a force acts, as an index into ``push``."""
@@ -282,7 +295,7 @@ def make(name: str, /, **values: Any) -> Chosen:
     Raises:
         InputError: no such effect or parameter, a value outside its bounds, or not a curve for this effect.
     """
-    effect = _named(name, REGISTRY | TABULATED)
+    effect = _named(name, _every())
     if effect.axes is not None:
         return _along(effect, values)
     symbols = tuple(parameter.symbol for parameter in effect.parameters)
@@ -302,7 +315,7 @@ def drawn(name: str, rng: np.random.Generator) -> Chosen:
     Raises:
         InputError: no such effect.
     """
-    parameters = _named(name, REGISTRY).parameters
+    parameters = _named(name, _registry()).parameters
     return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in parameters})
 
 
@@ -310,7 +323,7 @@ def _named(name: object, among: Mapping[str, Effect]) -> Effect:
     """The effect of this name; where there is none, the message names those that are spelled alike."""
     if isinstance(name, str) and name in among:
         return among[name]
-    near = difflib.get_close_matches(str(name), among, 5)
+    near = difflib.get_close_matches(str(name)[:80], among, 5)
     known = f"one of {', '.join(near)}" if near else "a name of REGISTRY or TABULATED of drillenv.dynamics.effects"
     raise InputError(f"effect is {shown(name)}: give {known}")
 
@@ -326,7 +339,8 @@ def _along(effect: Effect, values: Mapping[str, object]) -> Chosen:
         raise InputError(f"the curve of {effect.name} cannot be: {error}") from None
 
 
-def _found() -> dict[str, Effect]:
+@functools.cache
+def _own() -> MappingProxyType[str, Effect]:
     """Every effect of this package by name."""
     found: dict[str, Effect] = {}
     for name in sorted(info.name for info in pkgutil.iter_modules(__path__)):
@@ -335,13 +349,68 @@ def _found() -> dict[str, Effect]:
             if effect.name in found:
                 raise RuntimeError(f"two effects are called {effect.name}: rename the one in {name}.py")
             found[effect.name] = effect
-    return found
+    return MappingProxyType(found)
 
 
-_EVERY = _found()
-REGISTRY: MappingProxyType[str, Effect] = MappingProxyType(
-    {name: each for name, each in _EVERY.items() if each.axes is None}
-)
-"""Every effect with an equation and parameters, by name."""
-TABULATED: MappingProxyType[str, Effect] = MappingProxyType({name: each for name, each in _EVERY.items() if each.axes})
-"""Every effect that follows a measured curve, by name."""
+@functools.cache
+def _every() -> MappingProxyType[str, Effect]:
+    """Every effect of this package and of other distributions by name.
+
+    Raises:
+        InputError: an entry point that cannot be loaded or holds something else than effects, or two effects of a name.
+    """
+    found = dict(_own())
+    owners = dict.fromkeys(found, "drillenv")
+    points = importlib.metadata.entry_points(group=GROUP)
+    for point in sorted(points, key=lambda each: (_owner(each), each.name)):
+        owner = _owner(point)
+        for effect in _loaded(point):
+            if effect.name in found:
+                raise InputError(
+                    f"{owner} brings an effect {effect.name}, which {owners[effect.name]} has: rename or uninstall it"
+                )
+            found[effect.name], owners[effect.name] = effect, owner
+    return MappingProxyType(found)
+
+
+def _owner(point: importlib.metadata.EntryPoint) -> str:
+    """The distribution that an entry point belongs to."""
+    return point.dist.name if point.dist else "an unnamed distribution"
+
+
+def _loaded(point: importlib.metadata.EntryPoint) -> tuple[Effect, ...]:
+    """The effects of an entry point.
+
+    Raises:
+        InputError: it cannot be loaded, or holds something else.
+    """
+    where = f"{_owner(point)} names {point.value} as its entry point {point.name} of {GROUP}"
+    try:
+        given = point.load()
+    except Exception as error:  # whatever another's code raises as it is imported
+        raise InputError(f"{where}, which cannot be loaded ({shown(error)}): mend or uninstall it") from error
+    effects = (given,) if isinstance(given, Effect) else given
+    if not isinstance(effects, (list, tuple)) or not all(isinstance(each, Effect) for each in effects):
+        raise InputError(f"{where}, which is {shown(given)}: let it be an Effect, or a list of them")
+    return tuple(effects)
+
+
+@functools.cache
+def _registry() -> MappingProxyType[str, Effect]:
+    """Every effect with an equation and parameters."""
+    return MappingProxyType({name: each for name, each in _every().items() if each.axes is None})
+
+
+def __getattr__(name: str) -> MappingProxyType[str, Effect]:
+    """REGISTRY, TABULATED or LIBRARY.
+
+    They are found where they are first asked for and not on import: a distribution whose effects join them imports this
+    package itself.
+    """
+    if name == "REGISTRY":
+        return _registry()
+    if name == "TABULATED":
+        return MappingProxyType({key: each for key, each in _every().items() if each.axes is not None})
+    if name == "LIBRARY":
+        return MappingProxyType({key: each for key, each in _own().items() if each.axes is None})
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,127 @@
+"""Effects that another distribution brings by the entry point group ``drillenv.effects``."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import drillenv
+
+ROOT = Path(drillenv.__file__).parent.parent
+
+MODULE = """
+from drillenv.dynamics.effects import IN_CONTACT, ON_ROCK, Effect, Parameter
+
+def _term(now, own, p, push, rates):
+    push[ON_ROCK] += p[0] * now.into
+
+def kelvin(name):
+    damping = Parameter("c_r", "damping of the rock", "N s/m", 0.0, 1e5, 0.0, (100.0, 800.0))
+    return Effect(name, "The rock damps the blows.", "R = R_law + c_r V", "constitutive", (damping,), ("contact",),
+                  IN_CONTACT, "loses", term=_term)
+
+ONE = kelvin("lab-kelvin")
+TWO = [kelvin("lab-voigt"), kelvin("lab-maxwell")]
+KNOWN = kelvin("contact-rate")
+NUMBER = 5
+MIXED = [ONE, "lab-burgers"]
+"""
+
+
+@pytest.fixture
+def install(tmp_path):
+    """Put a distribution with these entry points beside drillenv, and run code in an interpreter that sees both."""
+
+    def installed(name, *values):
+        info = tmp_path / f"{name.replace('-', '_')}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        points = "".join(f"point{i} = {value}\n" for i, value in enumerate(values))
+        (info / "entry_points.txt").write_text(f"[drillenv.effects]\n{points}")
+        (tmp_path / "lab_effects.py").write_text(MODULE)
+
+        def run(code):
+            paths = os.pathsep.join([str(ROOT), str(tmp_path)])
+            done = subprocess.run(
+                [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True,
+                env={**os.environ, "PYTHONPATH": paths},
+            )  # fmt: skip
+            assert done.returncode == 0, done.stderr
+            return json.loads(done.stdout)
+
+        return run
+
+    return installed
+
+
+JOINED = """
+import json, sys
+import drillenv
+loaded = "lab_effects" in sys.modules
+from drillenv.corrected import model_from_record
+from drillenv.dynamics.effects import LIBRARY, REGISTRY, make
+names = [name for name in REGISTRY if name not in LIBRARY]
+record = {"format": "drillenv-model/1", "effects": [{"name": "lab-voigt", "parameters": {"c_r": 400.0}}]}
+runs = [
+    drillenv.simulate(drillenv.Setting(90.0, 0.45, 1.0), seconds=0.1, effects=effects).force.max()
+    for effects in (model_from_record(record).effects, [make("tabulated-rate-force", x=[-1, 1], y=[-400, 400])], [])
+]
+print(json.dumps([loaded, names, runs]))
+"""
+
+
+def test_effects_join_the_registry_and_are_simulated(install):
+    run = install("lab-rocks", "lab_effects:ONE", "lab_effects:TWO")
+    loaded, names, (ours, tabulated, plain) = run(JOINED)
+    assert not loaded, "import drillenv loads nobody's effects"
+    assert names == ["lab-kelvin", "lab-voigt", "lab-maxwell"]
+    assert ours == pytest.approx(tabulated, rel=1e-9) and abs(ours - plain) > 1.0
+
+
+def test_their_module_may_come_first(install):
+    """It imports the package whose registry it is to join."""
+    run = install("lab-rocks", "lab_effects:ONE")
+    code = "import json, lab_effects\nfrom drillenv.dynamics.effects import REGISTRY\n"
+    assert run(code + "print(json.dumps(REGISTRY['lab-kelvin'] is lab_effects.ONE))")
+
+
+def test_none_is_drawn_at_random(install):
+    run = install("lab-rocks", "lab_effects:ONE", "lab_effects:TWO")
+    code = """
+import json
+import numpy as np
+from drillenv.env.episodes import draw_effect
+print(json.dumps(sorted({name for seed in range(300) for name in draw_effect(np.random.default_rng(seed))})))
+"""
+    drawn = run(code)
+    assert "rock-rotation" in drawn and not any(name.startswith(("lab", "tabulated")) for name in drawn)
+
+
+FAILS = """
+import json
+from drillenv.checks import InputError
+from drillenv.dynamics.effects import make
+try:
+    make("contact-rate")
+except InputError as error:
+    print(json.dumps(str(error)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (("lab_effects:KNOWN",), "lab-rocks brings an effect contact-rate, which drillenv has: rename"),
+        (("lab_effects:ONE", "lab_effects:ONE"), "lab-rocks brings an effect lab-kelvin, which lab-rocks has"),
+        (("lab_effects:NUMBER",), "lab-rocks names lab_effects:NUMBER as its entry point point0 of drillenv.effects"),
+        (("lab_effects:MIXED",), "let it be an Effect, or a list of them"),
+        (("lab_effects:THREE",), "cannot be loaded (AttributeError"),
+        (("lab_sensors:ONE",), "lab-rocks names lab_sensors:ONE"),
+    ],
+)
+def test_what_cannot_join_is_one_error_that_names_the_distribution(install, values, said):
+    message = install("lab-rocks", *values)(FAILS)
+    assert said in message and "lab-rocks" in message and "\n" not in message and len(message) < 500
