@@ -54,6 +54,7 @@ import numpy as np
 
 from drillenv.checks import InputError, number, shown
 from drillenv.dynamics.curves import LARGEST, Curve, curve_from
+from drillenv.dynamics.forms import Form
 
 GROUP = "drillenv.effects"
 """Entry points of other distributions: each loads to an Effect, or to a list of them."""
@@ -225,6 +226,8 @@ class Effect:
     """``measure`` follows the signal between samples, so it wants them dense."""
     on_body: Callable[..., np.ndarray] | None = None
     """Force in N on the mass of a one-body rig, to be added to mass * acceleration = force - law."""
+    forms: tuple[Form, ...] = ()
+    """Its equations as curves, for a diagnosis."""
     counted: Callable[[tuple[float, ...]], float] | None = None
     """Its first extra state counts impacts on a face, and all of them begin anew on a fresh one: after how many, for
     these parameters, nothing changes any more."""

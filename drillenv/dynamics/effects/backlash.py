@@ -6,6 +6,7 @@ import numpy as np
 
 from drillenv.dynamics.corners import time_to
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+from drillenv.dynamics.forms import Form
 
 
 def _term(now, own, p, push, rates):
@@ -31,6 +32,10 @@ def _on_body(position, velocity, applied, stiffness, p):
     return stiffness * np.clip(position - p[1], 0.0, p[0])
 
 
+def _law(x, p, around):
+    return -around.k * np.clip(x - p[1], 0.0, p[0])
+
+
 # Play about the unloaded spring would be closed for good: the static force holds the spring some 3 mm shortened, and it
 # moves by a tenth of that. So the play is counted from where the spring stands under the static force.
 EFFECT = Effect(
@@ -51,4 +56,12 @@ EFFECT = Effect(
     term=_term,
     corner=_corner,
     on_body=_on_body,
+    forms=(
+        Form(
+            "no force over the play",
+            ("g", "y0"),
+            tuple((g, y0) for g in (2e-4, 5e-4, 1e-3) for y0 in (-3e-4, -1e-4, 0.0)),
+            {"spring-from-rest": _law},
+        ),
+    ),
 )

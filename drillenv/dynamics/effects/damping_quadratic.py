@@ -1,12 +1,19 @@
 """Coupling damping that grows with speed."""
 
+import numpy as np
+
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+from drillenv.dynamics.forms import Form
 
 
 def _term(now, own, p, push, rates):
     force = p[0] * abs(now.closing) * now.closing
     push[ON_SHAKER] -= force
     push[ON_INDENTER] += force
+
+
+def _law(x, p, around):
+    return p[0] * np.abs(x) * x
 
 
 EFFECT = Effect(
@@ -19,4 +26,5 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="loses",
     term=_term,
+    forms=(Form("quadratic", ("c2",), ((500.0,),), {"damper": _law}),),
 )

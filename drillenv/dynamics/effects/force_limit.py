@@ -6,6 +6,7 @@ import numpy as np
 
 from drillenv.dynamics.corners import time_to
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+from drillenv.dynamics.forms import Form
 
 NONE = 1e6
 """N: at this force, the bound, nothing is limited."""
@@ -40,6 +41,15 @@ def _on_body(position, velocity, applied, stiffness, p):
     return np.clip(applied, -p[0], p[0]) - applied - (np.clip(spring, -p[1], p[1]) - spring)
 
 
+def _drive_law(x, p, around):
+    return np.clip(x, -p[0], p[0]) - x
+
+
+def _spring_law(x, p, around):
+    spring = around.k * x
+    return np.clip(spring, -p[1], p[1]) - spring
+
+
 EFFECT = Effect(
     name="force-limit",
     sentence="The drive, or the spring, cannot push or pull harder than a certain force.",
@@ -58,4 +68,8 @@ EFFECT = Effect(
     term=_term,
     corner=_corner,
     on_body=_on_body,
+    forms=(
+        Form("clipped", ("F_max",), ((200.0,), (280.0,), (380.0,)), {"drive-curve": _drive_law}),
+        Form("clipped spring", ("F_s",), ((150.0,), (230.0,)), {"spring": _spring_law}),
+    ),
 )

@@ -2,13 +2,24 @@
 
 import math
 
+import numpy as np
+
 from drillenv.dynamics.effects import EVERYWHERE, ON_SHAKER, Effect, Extra, Parameter
+from drillenv.dynamics.forms import Form
+
+ROUNDED = 1e-4
+"""m/s over which a fit of the law takes friction that grips to set in."""
 
 
 def _term(now, own, p, push, rates):
     # at a transition speed of 0 it grips, which is the engine's
     if p[1] > 0.0:
         push[ON_SHAKER] -= p[0] * math.tanh(now.v1 / p[1])
+
+
+def _law(x, p, around):
+    # a grip is rounded over what is nothing against the speeds of the rig
+    return p[0] * np.tanh(x / max(p[1], ROUNDED))
 
 
 EFFECT = Effect(
@@ -34,4 +45,5 @@ EFFECT = Effect(
     extras=(Extra("slide1", "way the shaker body slides: 1, -1, or 0 while it sticks", "1", 1.0),),
     term=_term,
     grips=ON_SHAKER,
+    forms=(Form("coulomb", ("fc1", "vs1"), ((30.0, 3e-4),), {"guide": _law}),),
 )

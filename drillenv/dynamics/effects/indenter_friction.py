@@ -2,7 +2,13 @@
 
 import math
 
+import numpy as np
+
 from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, Effect, Extra, Parameter
+from drillenv.dynamics.forms import Form
+
+ROUNDED = 2e-3
+"""m/s over which a fit of the law takes friction that grips to set in."""
 
 
 def _term(now, own, p, push, rates):
@@ -17,6 +23,11 @@ def _corner(now, a1, a2, p):
     if p[0] == 0.0 or p[1] == 0.0 or change == 0.0 or (speed > 3.0 * p[1] and now.v2 * a2 > 0.0):
         return math.inf
     return max(speed - 3.0 * p[1], 2.0 * p[1]) / change
+
+
+def _law(x, p, around):
+    # a grip is rounded over what is nothing against the speeds of the rig
+    return p[0] * np.tanh(x / max(p[1], ROUNDED))
 
 
 EFFECT = Effect(
@@ -43,4 +54,5 @@ EFFECT = Effect(
     term=_term,
     corner=_corner,
     grips=ON_INDENTER,
+    forms=(Form("coulomb", ("fc2", "vs2"), ((30.0, 5e-3),), {"indenter": _law}),),
 )

@@ -2,7 +2,10 @@
 
 import math
 
+import numpy as np
+
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Extra, Parameter
+from drillenv.dynamics.forms import Form
 
 
 def _shape(depth, regime, stiffness, ratio, own, p):
@@ -20,6 +23,10 @@ def _switched(before, after, own, p):
 def _counted(p):
     # ten times leave less than 5e-5 of what the face lacked
     return 10.0 * p[1]
+
+
+def _law(x, p, around):
+    return -p[0] * np.exp(-x / p[1])
 
 
 EFFECT = Effect(
@@ -47,4 +54,5 @@ EFFECT = Effect(
     shape=_shape,
     switched=_switched,
     counted=_counted,
+    forms=(Form("exponential", ("soft", "soft_n"), ((0.3, 10.0), (0.3, 40.0)), {"compaction": _law}),),
 )

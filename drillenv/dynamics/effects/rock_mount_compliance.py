@@ -3,6 +3,7 @@
 import math
 
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
+from drillenv.dynamics.forms import Form
 
 
 def _term(now, own, p, push, rates):
@@ -12,6 +13,13 @@ def _term(now, own, p, push, rates):
     else:
         damping = 2.0 * ratio * math.sqrt(mass / compliance)
         rates[0] = (now.rock - now.face / compliance - damping * own[0]) / mass
+
+
+def _numbers(p, around):
+    if p[0] <= 0.0:
+        return {}
+    turn = math.sqrt(1.0 / (p[0] * p[1]))
+    return {"mount_gain": 1.0 / p[1], "mount_square": turn**2, "mount_damping": 2.0 * p[2] * turn}
 
 
 EFFECT = Effect(
@@ -31,4 +39,12 @@ EFFECT = Effect(
     term=_term,
     comes_last=True,
     moves_face=True,
+    forms=(
+        Form(
+            "one mass",
+            ("s_r", "m_r", "zeta_r"),
+            tuple((s, m, 0.08) for m in (15.0, 40.0, 85.0) for s in (8e-9, 2e-8, 4.5e-8)),
+            numbers=_numbers,
+        ),
+    ),
 )

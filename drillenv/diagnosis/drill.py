@@ -1,0 +1,766 @@
+"""The drilling rig as blocks of the solver: one for each recording, by multiple shooting.
+
+Own unknowns of a recording are the states at the beginning of each of its windows, the share by which its true pressure
+is off the label, and the amplitudes of disturbing lines on its channels. Shared parameters are the rig's constants and
+those of the terms (laws, filters) that have been added to the paper's model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve
+from scipy.signal import upfirdn
+
+from drillenv.diagnosis import predict
+from drillenv.diagnosis.condition import SETTLING, Conditioned
+from drillenv.diagnosis.noise import NoiseModel, line_columns, whiten
+from drillenv.diagnosis.predict import (
+    COMPACTION,
+    CURVE,
+    DAMPER,
+    F_B,
+    GRID,
+    PLACES,
+    SCALARS,
+    SPRING,
+    SPRING_FROM_REST,
+    STATES,
+    V1,
+    V2,
+    Axes,
+    C,
+    Columns,
+    K,
+    Wave,
+    Y,
+    run,
+)
+from drillenv.diagnosis.solver import Floats, Quadratic, factor
+
+CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015])
+"""Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
+indenter are free: a window's own samples say both to within the noise, and impacts magnify what is wrong of them."""
+PRESSURE_LABEL = 0.006
+"""Standard deviation of a pressure about its label, as a share: gauges are read to 1 %."""
+STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0])
+"""Units of a window's own unknowns: force of the coupling's spring and of its damper in N, then the states from v2 on.
+Forces, for what the data say of a window does not change with the spring that is taken to have made them."""
+COUNT_LABEL = 0.4
+"""Standard deviation of the impacts before a running recording, as a share."""
+RUNNING = 1.3
+"""s for which a rig that "had been running" is taken to have run before a recording."""
+REACH = 16
+"""Samples that a filter of the logger looks ahead and back."""
+DENSE = 50e3
+"""Hz at which motions are followed at least, before the logger's filter."""
+
+
+class Scene(NamedTuple):
+    """What a term is told of a recording."""
+
+    name: str
+    frequency: float
+    """Hz."""
+    amplitude: float
+    """V, as measured."""
+    pressure: float
+    """bar, as stated."""
+    rate: float
+    fresh: bool
+
+
+@dataclass
+class Model:
+    """The arrays that the integrator takes, of one recording."""
+
+    s: Floats
+    tables: Floats
+    """(PLACES, GRID)."""
+    turn: Floats = field(default_factory=lambda: np.zeros(3))
+    sine: Floats = field(default_factory=lambda: np.zeros(3))
+    cosine: Floats = field(default_factory=lambda: np.zeros(3))
+    impacts: float = 0.0
+
+
+class Unknown(NamedTuple):
+    """A shared parameter."""
+
+    name: str
+    value: float
+    """Where it begins, and the centre of its prior."""
+    width: float
+    """Its unit in the solver: about what it may change by."""
+    std: float = math.inf
+    """Of its prior."""
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Term:
+    """A part of the model with parameters: the paper's constants, a law, a filter."""
+
+    name: str
+    unknowns: tuple[Unknown, ...]
+    stage = 0
+    """Sensors act in rising order of it."""
+    remembers = False
+    """Whether it has states of its own, of the mount or the air."""
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Add to the model of a recording."""
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """What sensors make of signals (..., 2, n), linearly."""
+        return signals
+
+    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+        """(2, n) what sensors read too much whatever the motion, ``first`` being the first sample that is simulated."""
+        return None
+
+    def is_silent(self, values: Floats, other: Floats, scene: Scene) -> bool:
+        """Whether a recording is alike with other values of a term that only adds."""
+        one, two = (self.add(each, scene, 64) for each in (values, other))
+        return one is None or two is None or bool(np.array_equal(one, two))
+
+    def kernel(self, values: Floats, over: int) -> Floats | None:
+        """Of a logger's filter, on a grid so many times as fine as the samples."""
+        return None
+
+    @property
+    def senses(self) -> bool:
+        """Whether it acts on what is read."""
+        if type(self).kernel is not Term.kernel:
+            return True
+        return type(self).sense is not Term.sense or type(self).add is not Term.add
+
+    @property
+    def moves(self) -> bool:
+        """Whether it acts on the motion."""
+        return type(self).contribute is not Term.contribute
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model with named terms."""
+
+    terms: tuple[Term, ...]
+    axes: Axes
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The parameters of all terms, in their order."""
+        return tuple(each for term in self.terms for each in term.unknowns)
+
+    def split(self, values: Floats) -> list[Floats]:
+        """Parameters of each term."""
+        ends = np.cumsum([len(term.unknowns) for term in self.terms])
+        return np.split(values, ends[:-1])
+
+    def model(self, values: Floats, scene: Scene) -> Model:
+        """Of a recording, at values of the parameters in their own units."""
+        # a rig that had been running is taken to have run for a little more than the second that it must
+        impacts = 0.0 if scene.fresh else RUNNING * scene.frequency
+        model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)), impacts=impacts)
+        for term, own in zip(self.terms, self.split(values), strict=True):
+            term.contribute(own, model, scene, self.axes)
+        return model
+
+    @property
+    def remembers(self) -> bool:
+        """Whether sensors remember for longer than the logger's filter."""
+        return any(term.senses and type(term).kernel is Term.kernel for term in self.terms)
+
+    def kernel(self, values: Floats, over: int) -> Floats | None:
+        """Of the logger's filter."""
+        for term, own in zip(self.terms, self.split(values), strict=True):
+            made = term.kernel(own, over)
+            if made is not None:
+                return made
+        return None
+
+    def added(self, values: Floats, n: int, scene: Scene, first: int = 0) -> Floats | float:
+        """(2, n) what is read too much whatever the motion."""
+        total: Floats | float = 0.0
+        for term, own in zip(self.terms, self.split(values), strict=True):
+            more = term.add(own, scene, n, first)
+            if more is not None:
+                total = total + more
+        return total
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """What is read of signals (..., 2, n)."""
+        pairs = sorted(zip(self.terms, self.split(values), strict=True), key=lambda pair: pair[0].stage)
+        for term, own in pairs:
+            if type(term).sense is not Term.sense:
+                signals = term.sense(own, signals, scene)
+        return signals
+
+
+class Raw(NamedTuple):
+    """What the integrator says of a recording."""
+
+    said: Floats
+    path: Floats
+    by_state: Floats
+    by_column: Floats
+    ends: Floats
+    ends_by_state: Floats
+    ends_by_column: Floats
+    good: bool
+
+
+def no_columns() -> Columns:
+    """No derivative is asked for."""
+    none = np.zeros(0, dtype=np.int64)
+    return Columns(none, none, np.zeros(0), none, np.zeros((0, GRID)))
+
+
+@dataclass
+class Recorded:
+    """A recording as a block of the solver."""
+
+    data: Conditioned
+    hypothesis: Hypothesis
+    weight: float
+    """By which the continuity constraints' standard deviations are widened."""
+    noise: tuple[NoiseModel, NoiseModel]
+    """Of force and acceleration."""
+
+    least_size: int = 4
+    """States that take part at least."""
+
+    def __post_init__(self) -> None:
+        data = self.data
+        self.over = max(1, math.ceil(0.98 * DENSE / data.rate))
+        self.scene = scene_of(data)._replace(rate=data.rate * self.over)
+        self.starts = data.starts * self.over
+        self.windows = len(data.starts) - 1
+        self.inside = slice(int(self.starts[0]), int(self.starts[-1]))
+        # sensors that remember still speak of what was before; a fresh recording, of the moment of its start
+        wait = round(SETTLING * data.rate) if data.fresh else 0
+        if self.hypothesis.remembers:
+            wait = max(wait, int(data.starts[1] - data.starts[0]) // 2)
+        self.judged = slice(int(data.starts[0]) + wait, int(data.starts[-1]))
+        self.widths = np.array([each.width for each in self.hypothesis.unknowns])
+        self.measured = np.stack([data.force, data.acceleration])
+        self.coloured = any(each.corner > 0.0 for each in self.noise)
+        n = data.force.size
+        self.lines = [(i, row) for i, each in enumerate(self.noise) for row in line_columns(each, n)]
+        """Channel and shape (n,) of disturbing lines, whose amplitudes are own unknowns."""
+
+    def weighed(self, signals: Floats) -> Floats:
+        """Signals (..., 2, n) as the noise model weighs them: white noise of it has the variance 1."""
+        if not self.coloured:
+            return signals / np.array([each.std for each in self.noise])[:, None]
+        return np.stack([whiten(each, signals[..., i, :]) for i, each in enumerate(self.noise)], axis=-2)
+
+    def disturbance(self, own: Floats) -> Floats | float:
+        """(2, n) the lines on the channels."""
+        if not self.lines:
+            return 0.0
+        total = np.zeros_like(self.measured)
+        for (channel, row), size in zip(self.lines, own[own.size - len(self.lines) :], strict=True):
+            total[channel] += size * self.noise[channel].std * row
+        return total
+
+    @property
+    def locals(self) -> int:
+        """Own unknowns behind the states: share of the pressure, impacts before it began, and the lines."""
+        return 2 + len(self.lines)
+
+    def size(self, model: Model) -> int:
+        """How many states take part."""
+        return STATES if model.s[predict.MOUNT_GAIN] or model.s[predict.AIR_STIFFNESS] else self.least_size
+
+    def integrate(self, model: Model, own: Floats, columns: Columns, states: int, path: bool = False,
+                  size: int | None = None, chained: bool = False) -> Raw:  # fmt: skip
+        """Simulate all windows; ``own`` as the solver has it."""
+        data, n, count = self.data, self.data.force.size * self.over, columns.kind.size
+        begin = self.begun(own, model)
+        s = model.s.copy()
+        label, before = own[self.windows * self.state_count(own) :][:2]
+        s[F_B] *= 1.0 + PRESSURE_LABEL * label
+        impacts = max(model.impacts * (1.0 + COUNT_LABEL * before), 0.0)
+        active = np.any(model.tables != 0.0, axis=1)
+        wanted = np.zeros(PLACES, dtype=bool)
+        wanted[columns.place[columns.kind == CURVE]] = True
+        said = np.zeros((2, n))
+        arrays = (
+            np.zeros((STATES, n if path else 0)),
+            said,
+            np.zeros((2, states, n)),
+            np.zeros((2, count, n)),
+            np.zeros((self.windows, STATES)),
+            np.zeros((self.windows, states, STATES)),
+            np.zeros((self.windows, count, STATES)),
+        )
+        size = self.size(model) if size is None else size
+        wave = Wave(model.turn, model.sine, model.cosine)
+        end = run(self.starts, begin, chained, self.scene.rate, 1, data.omega, data.phase, impacts, s, model.tables,
+                  self.hypothesis.axes, active, wanted, wave, columns, states, size, *arrays)  # fmt: skip
+        path_, said, by_state, by_column, ends, ends_by_state, ends_by_column = arrays
+        if chained:
+            ends = begin
+        return Raw(said, path_, by_state, by_column, ends, ends_by_state, ends_by_column, end >= 0.0)
+
+    def begun(self, own: Floats, model: Model) -> Floats:
+        """(windows, 7) states at the beginning of the windows."""
+        kept = self.state_count(own)
+        begin = np.zeros((self.windows, STATES))
+        begin[:, :kept] = self.states_of(own) * STATE_WIDTHS[:kept]
+        begin[:, Y] = shortening(begin[:, Y], model, self.hypothesis.axes)
+        begin[:, V1] = begin[:, V2] + closing_speed(begin[:, V1], model, self.hypothesis.axes)
+        return begin
+
+    def beginning(self, own: Floats, model: Model, columns: Columns) -> tuple[Floats, Floats]:
+        """(windows, kept, kept) and (windows, columns, kept): derivatives of the states that windows begin with."""
+        kept, axes = self.state_count(own), self.hypothesis.axes
+        begin = self.begun(own, model)
+        y, closing = begin[:, Y], begin[:, V1] - begin[:, V2]
+        rest = model.s[F_B] / model.s[K]
+        stiff, damped = stiffness_at(y, model, axes), damping_at(closing, model, axes)
+        by_own = np.zeros((self.windows, kept, kept))
+        for i in range(V2, kept):
+            by_own[:, i, i] = STATE_WIDTHS[i]
+        by_own[:, Y, Y] = STATE_WIDTHS[Y] / stiff
+        by_own[:, V1, V1] = STATE_WIDTHS[V1] / damped
+        by_own[:, V1, V2] = STATE_WIDTHS[V2]
+        by_column = np.zeros((self.windows, columns.kind.size, kept))
+        for j, kind in enumerate(columns.kind):
+            place = columns.place[j]
+            if kind == K:
+                by_column[:, j, Y] = -y / stiff
+            elif kind == C:
+                by_column[:, j, V1] = -closing / damped
+            elif kind == CURVE and place in (SPRING, SPRING_FROM_REST):
+                beyond = y if place == SPRING else y - rest
+                by_column[:, j, Y] = -look(columns.table[j], axes, place, beyond) / stiff
+            elif kind == CURVE and place == DAMPER:
+                by_column[:, j, V1] = -look(columns.table[j], axes, place, closing) / damped
+        return by_own, by_column
+
+    def state_count(self, own: Floats) -> int:
+        """States a window."""
+        return (own.size - self.locals) // self.windows
+
+    def states_of(self, own: Floats) -> Floats:
+        """(windows, kept) own unknowns that are states of windows."""
+        kept = self.state_count(own)
+        return own[: self.windows * kept].reshape(self.windows, kept)
+
+    def cost(self, shared: Floats, own: Floats) -> float:
+        """Negative log-likelihood of the recording."""
+        return self.costs(shared, own)[0]
+
+    def costs(self, shared: Floats, own: Floats) -> tuple[float, Floats]:
+        """The same, and (windows,) that of each window's samples and of its end."""
+        values = shared * self.widths
+        model = self.hypothesis.model(values, self.scene)
+        raw = self.integrate(model, own, no_columns(), 0)
+        if not raw.good:
+            return math.inf, np.full(self.windows, math.inf)
+        full = np.zeros(raw.said.shape[1])
+        full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
+        by_window = np.add.reduceat(full, self.data.starts[:-1].astype(int))
+        gaps = (self.gaps(raw, own, model) ** 2).sum(axis=1)
+        by_window[:-1] += gaps
+        prior = float(own[self.windows * self.state_count(own) :][:2] @ own[self.windows * self.state_count(own) :][:2])
+        return 0.5 * (float(full[self.judged].sum() + gaps.sum()) + prior), 0.5 * by_window
+
+    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+        """Cost and own unknowns after their step; windows that it makes worse take a part of it."""
+        best, costs = self.costs(shared, own + move)
+        at = own + move
+        if best <= before:
+            return best, at
+        kept = self.state_count(own)
+        for share in (0.3, 0.0):
+            part = own + share * move
+            cost, other = self.costs(shared, part)
+            if cost < best:
+                best, at_best = cost, part
+            else:
+                at_best = at
+            if self.weight > 1.0:
+                # windows that are nearly free choose each for themselves
+                better = np.append(np.repeat(other < costs, kept), np.zeros(self.locals, dtype=bool))
+                chosen = np.where(better, part, at)
+                cost, mixed_costs = self.costs(shared, chosen)
+                if cost < best:
+                    best, at_best, costs = cost, chosen, mixed_costs
+            at = at_best
+        return best, at
+
+    def restarted(self, shared: Floats, own: Floats) -> Floats:
+        """Windows whose cost stands out, from other states: where the one before ends, and the first guess."""
+        _, costs = self.costs(shared, own)
+        length = np.diff(self.data.starts)
+        typical = float(np.median(costs / length))
+        stray = costs / length > max(2.0 * typical, 1.5)
+        if not stray.any() or stray.mean() > 0.25 or typical > 1.5:
+            return own
+        kept = self.state_count(own)
+        model = self.hypothesis.model(shared * self.widths, self.scene)
+        raw = self.integrate(model, own, no_columns(), 0)
+        states = self.states_of(own)
+        behind = own[states.size :]
+        ends = self.owned(raw.ends, model, kept)
+        guess = states.copy()
+        guess[:, 2:4] = self.data.states[:, 2:4] / STATE_WIDTHS[2:4]
+        first = guess.copy()
+        first[1:, :2] = np.where(stray[:-1, None], guess[1:, :2], ends[:-1, :2])
+        going_on = states.copy()
+        going_on[1:] = ends[:-1]
+        best, at = costs, own
+        for trial in (first, going_on):
+            begun = self.settled(shared, np.append(np.where(stray[:, None], trial, states).ravel(), behind))
+            _, other = self.costs(shared, begun)
+            better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
+            at, best = np.where(better, begun, at), np.minimum(best, other)
+        return at
+
+    def owned(self, states: Floats, model: Model, kept: int) -> Floats:
+        """(windows, kept) own unknowns of states (windows, 7)."""
+        found = states.copy()
+        found[:, Y] = spring_force(states[:, Y], model, self.hypothesis.axes)
+        found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.hypothesis.axes)
+        return found[:, :kept] / STATE_WIDTHS[:kept]
+
+    def chained(self, shared: Floats, own: Floats) -> Floats:
+        """Own unknowns with which all states go on from window to window, but for the indenter's."""
+        values, kept = shared * self.widths, self.state_count(own)
+        model = self.hypothesis.model(values, self.scene)
+        begin = self.integrate(model, own, no_columns(), 0, chained=True).ends
+        return np.append(self.owned(begin, model, kept).ravel(), own[self.windows * kept :])
+
+    def settled(self, shared: Floats, own: Floats, steps: int = 6) -> Floats:
+        """Own unknowns after Gauss-Newton steps of their own."""
+        cost = self.cost(shared, own)
+        for _ in range(steps):
+            part = self.quadratic(shared, own)
+            move = -cho_solve(factor(part, 1e-3), part.by_own, check_finite=False)
+            after, moved = self.advance(shared, own, move, cost)
+            if not after < cost - 0.5:
+                break
+            cost, own = after, moved
+        return own
+
+    def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
+        """(2, judged) measured less read, as the noise model weighs it."""
+        read = self.read(values, said) + self.disturbance(own)
+        return self.weighed((self.measured - read)[:, self.judged])
+
+    def read(self, values: Floats, said: Floats) -> Floats:
+        """(2, n) what the logger makes of the simulated signals, the lines aside."""
+        read = self.hypothesis.sense(values, said, self.scene)
+        added = self.hypothesis.added(values, said.shape[1], self.scene, int(self.starts[0]))
+        return self.sampled(values, read + added)
+
+    def sampled(self, values: Floats, signals: Floats) -> Floats:
+        """Signals (..., fine) filtered by the logger, at its samples."""
+        kernel = self.hypothesis.kernel(values, self.over)
+        return signals[..., :: self.over] if kernel is None else self.decimated(kernel, signals)
+
+    def decimated(self, kernel: Floats, signals: Floats) -> Floats:
+        """Signals (..., fine) through a centred kernel, at the logger's samples."""
+        made = upfirdn(kernel, signals, 1, self.over, axis=-1)
+        return made[..., REACH : REACH + signals.shape[-1] // self.over]
+
+    def gaps(self, raw: Raw, own: Floats, model: Model) -> Floats:
+        """(windows - 1, kept) residuals of the continuity constraints."""
+        kept = self.state_count(own)
+        begin = self.begun(own, model)[:, :kept]
+        return (begin[1:] - raw.ends[:-1, :kept]) / (CONTINUITY[:kept] * self.weight)
+
+    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
+        """Negative log-likelihood with its derivatives."""
+        values, kept = shared * self.widths, self.state_count(own)
+        model, columns, mixing = self.elementary(values)
+        raw = self.integrate(model, own, columns, kept)
+        by_own_begin, by_column_begin = self.beginning(own, model, columns)
+        raw = chained(raw, self.starts, by_own_begin, by_column_begin)
+        residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
+        shared_columns = self.shared_columns(values, raw, mixing)
+        local_mixing = self.local_mixing(columns, model)
+        wide = np.concatenate([self.local_columns(values, raw, local_mixing), shared_columns, residual[None]])
+        own_own, own_wide = self.window_products(values, raw, kept, wide)
+        flat = wide.reshape(len(wide), -1)
+        products = flat @ flat.T
+        e_own, e_shared = self.gap_columns(raw, own.size, by_own_begin, by_column_begin, mixing, local_mixing)
+        g, m, count = gaps.ravel(), self.windows * kept, self.locals
+        beliefs = np.concatenate([np.ones(2), np.zeros(len(self.lines))])
+        hessian = e_own.T @ e_own
+        hessian[:m, :m] += own_own
+        hessian[:m, m:] += own_wide[:, :count]
+        hessian[m:, :m] += own_wide[:, :count].T
+        hessian[m:, m:] += products[:count, :count] + np.diag(beliefs)
+        scale = np.append(np.diag(own_own), np.diag(products)[:count] + beliefs)
+        cross = e_own.T @ e_shared
+        cross[:m] += own_wide[:, count:-1]
+        cross[m:] += products[:count, count:-1]
+        by_own = e_own.T @ g - np.append(own_wide[:, -1], products[:count, -1])
+        by_own[m:] += beliefs * own[m:]
+        return Quadratic(
+            0.5 * float(products[-1, -1] + g @ g + own[m : m + 2] @ own[m : m + 2]),
+            by_own,
+            e_shared.T @ g - products[count:-1, -1],
+            hessian,
+            cross,
+            products[count:-1, count:-1] + e_shared.T @ e_shared,
+            scale,
+        )
+
+    def local_mixing(self, columns: Columns, model: Model) -> Floats:
+        """(columns, 2) how the derivatives by the pressure's share and the impacts before are made of columns."""
+        made = np.zeros((columns.kind.size, 2))
+        made[list(columns.kind).index(F_B), 0] = model.s[F_B] * PRESSURE_LABEL
+        if columns.kind[-1] == CURVE and columns.place[-1] == COMPACTION and model.impacts > 0.0:
+            made[-1, 1] = model.impacts * COUNT_LABEL
+        return made
+
+    def local_columns(self, values: Floats, raw: Raw, mixing: Floats) -> Floats:
+        """(locals, 2, judged) by what the weighed reading changes with own unknowns other than states."""
+        moved = np.einsum("cel,ek->kcl", raw.by_column, mixing)
+        moved = self.sampled(values, self.hypothesis.sense(values, moved, self.scene))
+        moved = self.weighed(moved[:, :, self.judged])
+        rows = np.zeros((len(self.lines), 2, self.data.force.size))
+        for i, (channel, row) in enumerate(self.lines):
+            rows[i, channel] = self.noise[channel].std * row
+        return np.concatenate([moved, self.weighed(rows[:, :, self.judged])])
+
+    def gap_columns(self, raw: Raw, own: int, by_own_begin: Floats, by_column_begin: Floats, mixing: Floats,
+                    local_mixing: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+        """(gaps, own) and (gaps, parameters): derivatives of the continuity constraints."""
+        kept = by_own_begin.shape[1]
+        over = CONTINUITY[:kept] * self.weight
+        pairs = self.windows - 1
+        by_own = np.zeros((pairs, kept, own))
+        for i in range(pairs):
+            by_own[i, :, (i + 1) * kept : (i + 2) * kept] = by_own_begin[i + 1]
+            by_own[i, :, i * kept : (i + 1) * kept] = -raw.ends_by_state[i, :, :kept].T
+        change = by_column_begin[1:] - raw.ends_by_column[:-1, :, :kept]
+        first = self.windows * kept
+        by_own[:, :, first : first + 2] = np.einsum("wes,ek->wsk", change, local_mixing)
+        by_shared = np.einsum("wes,ep->wsp", change, mixing) * self.widths
+        return (
+            (by_own / over[:, None]).reshape(-1, own),
+            (by_shared / over[:, None]).reshape(pairs * kept, -1),
+        )
+
+    def window_products(self, values: Floats, raw: Raw, kept: int, wide: Floats) -> tuple[Floats, Floats]:
+        """(states, states) and (states, wide) inner products of the columns of windows' states.
+
+        ``wide`` (m, 2, judged) are columns over the whole recording. A window's own columns reach beyond its end as far
+        as the sensors and the noise model remember, at most over the next window.
+        """
+        w, starts, first, over = self.windows, self.data.starts, self.judged.start, self.over
+        tail = self.tail
+        own_own = np.zeros((w * kept, w * kept))
+        own_wide = np.zeros((w * kept, len(wide)))
+        before: tuple[int, Floats] | None = None
+        for i in range(w):
+            low, high = int(starts[i]) - REACH, min(int(starts[i + 1]) + tail, self.judged.stop)
+            if i + 2 < len(starts):
+                high = min(high, int(starts[i + 2]) - REACH)
+            part = np.zeros((kept, 2, (high - low) * over))
+            inside = slice(int(starts[i]) * over, int(starts[i + 1]) * over)
+            own = raw.by_state[:, :, inside].transpose(1, 0, 2)
+            begin = REACH * over
+            part[:, :, begin : begin + inside.stop - inside.start] = own[:, :, : (high - low - REACH) * over]
+            part = self.sampled(values, self.hypothesis.sense(values, part, self.scene))
+            cut = max(first - low, 0)
+            part, low = self.weighed(part[:, :, cut:]), low + cut
+            rows = slice(i * kept, (i + 1) * kept)
+            if part.shape[2] > 0:
+                flat = part.reshape(kept, -1)
+                own_own[rows, rows] = flat @ flat.T
+                own_wide[rows] = flat @ wide[:, :, low - first : high - first].reshape(len(wide), -1).T
+                if before is not None and before[0] > low:
+                    overlap = before[0] - low
+                    mixed_ = part[:, :, :overlap].reshape(kept, -1) @ before[1][:, :, -overlap:].reshape(kept, -1).T
+                    own_own[rows, (i - 1) * kept : i * kept] = mixed_
+                    own_own[(i - 1) * kept : i * kept, rows] = mixed_.T
+            before = (high, part)
+        return own_own, own_wide
+
+    @property
+    def tail(self) -> int:
+        """Samples over which sensors and noise model remember."""
+        return 10**9 if self.coloured or self.hypothesis.remembers else REACH
+
+    def elementary(self, values: Floats) -> tuple[Model, Columns, Floats]:
+        """The model, by what the motion is differentiated, and (columns, parameters) what that makes of each."""
+        model = self.hypothesis.model(values, self.scene)
+        by_scalar, tables = self.differentiated(values, model)
+        columns, mixing = mixed(by_scalar, tables)
+        if model.impacts > 0.0 and np.any(model.tables[COMPACTION]):
+            # the number of impacts before, last
+            x = self.hypothesis.axes.points(COMPACTION)
+            rise = np.gradient(model.tables[COMPACTION], x)
+            columns = Columns(
+                np.append(columns.kind, CURVE),
+                np.append(columns.place, COMPACTION),
+                np.append(columns.turn, 0.0),
+                np.append(columns.cosine, 0),
+                np.vstack([columns.table, rise]),
+            )
+            mixing = np.vstack([mixing, np.zeros(mixing.shape[1])])
+        return model, columns, mixing
+
+    def differentiated(self, values: Floats, model: Model) -> tuple[Floats, list[dict[int, Floats]]]:
+        """(SCALARS, parameters) and tables by place: how the model changes with each parameter."""
+        unknowns = self.hypothesis.unknowns
+        by_scalar, tables = np.zeros((SCALARS, len(unknowns))), []
+        first = 0
+        for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
+            for j in range(own.size):
+                changed: dict[int, Floats] = {}
+                if term.moves:
+                    step = 1e-4 * unknowns[first + j].width
+                    ahead = own.copy()
+                    ahead[j] += step
+                    split = self.hypothesis.split(values)
+                    split[self.hypothesis.terms.index(term)] = ahead
+                    other = self.hypothesis.model(np.concatenate(split), self.scene)
+                    by_scalar[:, first + j] = (other.s - model.s) / step
+                    moved = np.flatnonzero(np.any(other.tables != model.tables, axis=1))
+                    changed = {int(place): (other.tables[place] - model.tables[place]) / step for place in moved}
+                tables.append(changed)
+            first += own.size
+        return by_scalar, tables
+
+    def shared_columns(self, values: Floats, raw: Raw, mixing: Floats) -> Floats:
+        """(parameters, 2, judged) by what the reading changes with each parameter, over noise and width."""
+        n = raw.said.shape[1]
+        moved = (mixing.T @ raw.by_column.transpose(1, 0, 2).reshape(raw.by_column.shape[1], -1)).reshape(-1, 2, n)
+        moved = self.sampled(values, self.hypothesis.sense(values, moved, self.scene))
+        first = 0
+        for i, (term, own) in enumerate(zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True)):
+            if term.senses:
+                split = self.hypothesis.split(values)
+                read = self.read(values, raw.said)
+                linear = type(term).sense is Term.sense and type(term).kernel is Term.kernel
+                for j in range(own.size):
+                    step = 1e-4 * term.unknowns[j].width
+                    split[i] = own.copy()
+                    split[i][j] += step
+                    if linear and term.is_silent(own, split[i], self.scene):
+                        continue
+                    at = np.concatenate(split)
+                    moved[first + j] += (self.read(at, raw.said) - read) / step
+            first += own.size
+        return self.weighed(moved[:, :, self.judged]) * self.widths[:, None, None]
+
+
+def chained(raw: Raw, starts: NDArray, by_own: Floats, by_column: Floats) -> Raw:
+    """Derivatives by own unknowns in place of states, and those by columns with what they do to the beginnings."""
+    states, columns = by_own.shape[1], by_column.shape[1]
+    lengths = np.diff(starts)
+    window = np.repeat(np.arange(len(lengths)), lengths)
+    inside = slice(int(starts[0]), int(starts[-1]))
+    by_state, more = np.zeros_like(raw.by_state), raw.by_column.copy()
+    old = raw.by_state[:, :, inside]
+    for j in range(states):
+        for i in range(states):
+            if np.any(by_own[:, i, j]):
+                by_state[:, j, inside] += old[:, i] * by_own[window, i, j]
+    for j in range(columns):
+        for i in range(states):
+            if np.any(by_column[:, j, i]):
+                more[:, j, inside] += old[:, i] * by_column[window, j, i]
+    ends_by_state = np.einsum("wie,wij->wje", raw.ends_by_state, by_own)
+    ends_by_column = raw.ends_by_column + np.einsum("wie,wji->wje", raw.ends_by_state, by_column)
+    return raw._replace(by_state=by_state, by_column=more, ends_by_state=ends_by_state, ends_by_column=ends_by_column)
+
+
+def look(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
+    """A place's table (GRID,) at arguments."""
+    at = (np.arcsinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
+    return np.interp(at, np.arange(GRID), table)
+
+
+def slope(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
+    """Its derivative by the argument."""
+    scale = axes.scale[place]
+    at = (np.arcsinh(x / scale) - axes.low[place]) / axes.step[place]
+    inside = (at > 0.0) & (at < GRID - 1)
+    i = np.clip(at.astype(int), 0, GRID - 2)
+    return np.where(inside, (table[i + 1] - table[i]) / (axes.step[place] * np.sqrt(x**2 + scale**2)), 0.0)
+
+
+def spring_force(y: Floats, model: Model, axes: Axes) -> Floats:
+    """Force in N of the coupling's spring at a shortening."""
+    rest = model.s[F_B] / model.s[K]
+    force = model.s[K] * y + look(model.tables[SPRING], axes, SPRING, y)
+    return force + look(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, y - rest)
+
+
+def stiffness_at(y: Floats, model: Model, axes: Axes) -> Floats:
+    """Its derivative, not less than a tenth of k."""
+    rest = model.s[F_B] / model.s[K]
+    found = model.s[K] + slope(model.tables[SPRING], axes, SPRING, y)
+    found = found + slope(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, y - rest)
+    return np.maximum(found, 0.1 * model.s[K])
+
+
+def damper_force(v: Floats, model: Model, axes: Axes) -> Floats:
+    """Force in N of the coupling's damper at a closing speed."""
+    return model.s[C] * v + look(model.tables[DAMPER], axes, DAMPER, v)
+
+
+def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
+    """Its derivative, not less than a tenth of c."""
+    return np.maximum(model.s[C] + slope(model.tables[DAMPER], axes, DAMPER, v), 0.1 * model.s[C])
+
+
+def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
+    """Argument of a rising law at forces, by Newton's method from ``at``."""
+    for _ in range(12):
+        at = at - (law(at) - force) / derivative(at)
+    return at
+
+
+def shortening(force: Floats, model: Model, axes: Axes) -> Floats:
+    """y in m at forces of the spring in N."""
+    y = force / model.s[K]
+    if not (np.any(model.tables[SPRING]) or np.any(model.tables[SPRING_FROM_REST])):
+        return y
+    return _inverted(force, y, lambda x: spring_force(x, model, axes), lambda x: stiffness_at(x, model, axes))
+
+
+def closing_speed(force: Floats, model: Model, axes: Axes) -> Floats:
+    """v1 - v2 in m/s at forces of the damper in N."""
+    v = force / model.s[C]
+    if not np.any(model.tables[DAMPER]):
+        return v
+    return _inverted(force, v, lambda x: damper_force(x, model, axes), lambda x: damping_at(x, model, axes))
+
+
+def mixed(by_scalar: Floats, tables: Sequence[dict[int, Floats]]) -> tuple[Columns, Floats]:
+    """Columns of the integrator, and (columns, parameters) how the parameters' derivatives are made of them."""
+    scalars = [i for i in range(SCALARS) if np.any(by_scalar[i]) or i == F_B]
+    curves = [(j, place, table) for j, each in enumerate(tables) for place, table in each.items()]
+    kind = np.array([*scalars, *[CURVE] * len(curves)], dtype=np.int64)
+    place = np.array([*[0] * len(scalars), *[at for _, at, _ in curves]], dtype=np.int64)
+    table = np.zeros((kind.size, GRID))
+    mixing = np.zeros((kind.size, by_scalar.shape[1]))
+    mixing[: len(scalars)] = by_scalar[scalars]
+    for i, (j, _, values) in enumerate(curves):
+        table[len(scalars) + i] = values
+        mixing[len(scalars) + i, j] = 1.0
+    zeros = np.zeros(kind.size)
+    return Columns(kind, place, zeros, zeros.astype(np.int64), table), mixing
+
+
+def scene_of(data: Conditioned) -> Scene:
+    """What a term is told of a recording."""
+    setting = data.setting
+    return Scene(data.name, data.omega / (2.0 * math.pi), data.amplitude, setting.pressure, data.rate, data.fresh)

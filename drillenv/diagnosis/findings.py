@@ -1,0 +1,352 @@
+"""What a diagnosis of the drilling rig found, as the records of a report and as a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drillenv.corrected import Corrected
+from drillenv.diagnosis import predict
+from drillenv.diagnosis.constants import NAMES
+from drillenv.diagnosis.drill import no_columns
+from drillenv.diagnosis.fitting import Fitted
+from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation
+from drillenv.diagnosis.measured import measured_law, measured_response
+from drillenv.diagnosis.naming import law_of
+from drillenv.diagnosis.page import Trace, Wave
+from drillenv.diagnosis.selection import Step
+from drillenv.diagnosis.sensing import Added, Sensor
+from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.verdict import Outcome, Settled, wrong_constants
+from drillenv.dynamics.effects import REGISTRY, Chosen, make
+from drillenv.rig import Rig
+from drillenv.rocks import Rock
+
+CELLS = ("no contact", "loading", "unloading")
+EQUAL = 5.0
+"""Log-likelihood by which two families must differ to be told apart."""
+SILENT = 0.7
+"""Share of a constant's stated standard deviation that is left of it where the recordings say nothing."""
+KNOTS = 40
+"""Of a measured law in a model."""
+
+
+def deviations(fitted: Fitted) -> Floats:
+    """Standard deviations of all parameters, in their units, over-dispersion included."""
+    widths = np.array([each.width for each in fitted.hypothesis.unknowns])
+    return np.sqrt(np.diag(fitted.fit.covariance) * max(1.0, fitted.per_freedom)) * widths
+
+
+def parameters(final: Fitted) -> dict[str, Any]:
+    """Constants that are off by several of their tolerances."""
+    spread = deviations(final)
+    found = {}
+    for i in wrong_constants(final):
+        unknown = final.hypothesis.unknowns[i]
+        found[unknown.name] = {
+            "value": float(final.values[i]),
+            "std": float(spread[i]),
+            "unit": unknown.unit,
+            "nominal": float(unknown.value),
+        }
+    return found
+
+
+def findings(outcome: Outcome) -> list[dict[str, Any]]:
+    """One entry for each mechanism."""
+    return [finding(outcome, step) for step in outcome.steps]
+
+
+def finding(outcome: Outcome, step: Step) -> dict[str, Any]:
+    """A mechanism with its form, its parameters where it follows an equation, and its measured law."""
+    final, named = outcome.final, step.named
+    effect = REGISTRY[named.mechanism]
+    entry: dict[str, Any] = {
+        "mechanism": named.mechanism,
+        "equivalents": equivalents(step),
+        "explanation": effect.sentence,
+        "form": form_of(step),
+        "parameters": strengths(final, step) if named.equation is not None else {},
+        "evidence": {
+            "gain": round(step.gain, 1),
+            "freedom": step.freedom,
+            "equation": effect.equation if named.equation is not None else "none of the library's: see the law",
+            "source": effect.source,
+        },
+    }
+    terms = (named.equation,) if named.equation is not None else step.family.terms
+    if isinstance(terms[0], Added):
+        entry["parameters"] = entry["parameters"] or mean_offset(final, terms[0])
+    elif isinstance(terms[0], Sensor):
+        entry["law"] = measured_response(final, terms[0], named.mechanism)
+    else:
+        entry["law"] = measured_law(final, step.family, terms, median_depth(outcome))
+    return entry
+
+
+def mean_offset(final: Fitted, term: Added) -> dict[str, Any]:
+    """Offsets that differ from recording to recording, as their mean and its standard deviation."""
+    values = final.values_of(term.name).reshape(-1, 2)
+    count = len(values)
+    return {
+        symbol: {
+            "value": float(values[:, i].mean()),
+            "std": float(values[:, i].std(ddof=1) / math.sqrt(count)) if count > 1 else 0.0,
+            "unit": unit,
+        }
+        for i, (symbol, unit) in enumerate((("o_f", "N"), ("o_a", "m/s^2")))
+    }
+
+
+def form_of(step: Step) -> str:
+    """The equation that the law follows, or ``measured``."""
+    equation = step.named.equation
+    if equation is None:
+        return "measured"
+    return equation.form.name if isinstance(equation, Equation) else "library"
+
+
+def strengths(final: Fitted, step: Step) -> dict[str, Any]:
+    """Parameters of an equation by symbol."""
+    equation, spread, found, first = step.named.equation, deviations(final), {}, 0
+    assert equation is not None
+    for term in final.hypothesis.terms:
+        if term.name == equation.name:
+            for i, unknown in enumerate(term.unknowns):
+                value = float(final.values[first + i])
+                if unknown.unit == "rad":
+                    # a fit may have gone round
+                    value = math.remainder(value, 2.0 * math.pi)
+                found[unknown.name] = {"value": value, "std": float(spread[first + i]), "unit": unknown.unit}
+        first += len(term.unknowns)
+    if step.named.mechanism == "mains-hum":
+        sizes = [each for name, each in found.items() if name != "f_m"]
+        force = np.array([each["value"] for each in sizes]).reshape(-1, 2, 2)
+        b_f, b_a = (float(np.sqrt(np.mean(np.sum(force[:, i] ** 2, axis=1)))) for i in (0, 1))
+        std = float(np.mean([each["std"] for each in sizes])) / math.sqrt(len(force))
+        found = {name: each for name, each in found.items() if name == "f_m"}
+        found |= {"b_f": {"value": b_f, "std": std, "unit": "N"}, "b_a": {"value": b_a, "std": std, "unit": "m/s^2"}}
+    return found
+
+
+def equivalents(step: Step) -> list[str]:
+    """Mechanisms that these recordings cannot tell from the one that is named."""
+    found = step.before.cost - step.gain
+    alike = {family.mechanism for family, other in step.rivals if other.cost - found < EQUAL}
+    return sorted(alike - {step.named.mechanism})
+
+
+def median_depth(outcome: Outcome) -> float:
+    """m, of the contact coordinate while loading."""
+    depths = []
+    for block, own in zip(outcome.final.blocks, outcome.final.fit.own, strict=True):
+        model = block.hypothesis.model(outcome.final.values, block.scene)
+        path = block.integrate(model, own, no_columns(), 0, path=True).path[:, block.inside]
+        loading = (path[predict.W] > 0.0) & (path[predict.V2] > 0.0)
+        depths.append(path[predict.W][loading])
+    every = np.concatenate(depths)
+    return float(np.median(every)) if every.size else 1e-5
+
+
+def corrected(outcome: Outcome) -> Corrected:
+    """The model with what was found: equations as effects, measured laws as tables."""
+    values = dict(zip(NAMES, outcome.final.values, strict=False))
+    rig = Rig(*(float(values[name]) for name in NAMES[:6]))
+    rock = Rock(float(values[NAMES[6]]), float(values[NAMES[7]]), name="corrected")
+    effects: list[Chosen] = []
+    for step in outcome.steps:
+        equation = step.named.equation
+        if equation is not None:
+            symbols = {each.symbol for each in REGISTRY[step.named.mechanism].parameters}
+            found = {name: each["value"] for name, each in strengths(outcome.final, step).items() if name in symbols}
+            effects.append(make(step.named.mechanism, **found))
+        else:
+            effects += tabulated(outcome.final, step)
+    return Corrected(rig, rock, tuple(effects))
+
+
+def tabulated(final: Fitted, step: Step) -> list[Chosen]:
+    """The curves of a measured law as effects."""
+    model = law_of(final, step.family, final.blocks[0].scene)
+    made = []
+    for term in step.family.terms:
+        if not isinstance(term, Curve):
+            continue
+        x = final.hypothesis.axes.points(term.place)
+        y = model.tables[term.place]
+        pick = np.unique(np.linspace(0, x.size - 1, KNOTS).astype(int))
+        x, y = x[pick], y[pick]
+        if term.place in LOGARITHMS:
+            x, y = x * model.s[predict.K_L], np.exp(y)
+        made.append(make(f"tabulated-{PLACE_NAMES[term.place]}", x=x.tolist(), y=y.tolist()))
+    return made
+
+
+def excess(outcome: Outcome) -> list[dict[str, Any]]:
+    """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime."""
+    cells = []
+    for block, own in zip(outcome.plain.blocks, outcome.plain.fit.own, strict=True):
+        values = outcome.plain.values
+        raw = block.integrate(block.hypothesis.model(values, block.scene), own, no_columns(), 0)
+        left = block.residual(values, raw.said, own)
+        force = raw.said[0, :: block.over][block.judged]
+        rising = np.gradient(force) > 0.0
+        for regime, mask in zip(CELLS, (force <= 0.0, (force > 0.0) & rising, (force > 0.0) & ~rising), strict=True):
+            for channel, signal in zip(("force", "acceleration"), left, strict=True):
+                if mask.any():
+                    cells.append(
+                        {
+                            "recording": block.scene.name,
+                            "channel": channel,
+                            "regime": regime,
+                            "samples": int(mask.sum()),
+                            "mean_square": float(np.mean(signal[mask] ** 2)),
+                        }
+                    )
+    return cells
+
+
+def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
+    """Balance, regimes and recordings of the mismatch, and a sentence."""
+    if outcome.verdict == "agrees":
+        text = "What is left is noise within the stated tolerances of the constants."
+        return {"balance": None, "regimes": [], "recordings": [], "summary": text}
+    if outcome.verdict == "parameters":
+        names = [outcome.final.hypothesis.unknowns[i].name for i in wrong_constants(outcome.final)]
+        return {
+            "balance": "contact" if any("loading" in name for name in names) else "indenter",
+            "regimes": list(CELLS),
+            "recordings": [each.name for each in outcome.fit_data],
+            "summary": "Constants that are off by several of their tolerances explain all of it.",
+        }
+    struck = sorted({each["recording"] for each in cells if each["mean_square"] > 1.1})
+    if outcome.steps and outcome.verdict == "missing-physics":
+        effects = [REGISTRY[step.named.mechanism] for step in outcome.steps]
+        return {
+            "balance": effects[0].balances[0],
+            "regimes": list(effects[0].regimes),
+            "recordings": struck,
+            "summary": " ".join(effect.sentence for effect in effects),
+        }
+    surplus: dict[tuple[str, str], float] = {}
+    for each in cells:
+        key = each["channel"], each["regime"]
+        surplus[key] = surplus.get(key, 0.0) + (each["mean_square"] - 1.0) * each["samples"]
+    channel, regime = max(surplus, key=lambda key: surplus[key])
+    text = f"Most of what is left is in the {channel}, {regime}."
+    if outcome.steps:
+        nearest = " and ".join(step.named.mechanism for step in outcome.steps)
+        text += f" {nearest} comes nearest, and does not explain it."
+    return {
+        "balance": "contact" if channel == "force" and regime != "no contact" else "indenter",
+        "regimes": [regime],
+        "recordings": struck,
+        "summary": text,
+    }
+
+
+def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
+    """How well it fits, in standard deviations of the sensors' noise."""
+    held = outcome.held
+
+    def root(chi_square: float | None) -> float | None:
+        return None if chi_square is None else round(math.sqrt(chi_square), 4)
+
+    return {
+        "unit": "standard deviations of the sensors' noise, root mean square over force and acceleration",
+        "noise_floor": 1.0,
+        "fitted": {
+            "recordings": [each.name for each in outcome.fit_data],
+            "before": root(outcome.plain.per_freedom),
+            "after": root(outcome.final.per_freedom),
+        },
+        "held_out": {
+            "recordings": [each.name for each in outcome.held_data],
+            "before": root(held[0] if held else None),
+            "after": root(held[1] if held else None),
+        },
+    }
+
+
+def rejected(outcome: Outcome) -> list[dict[str, str]]:
+    """Families that were passed over, with the reason."""
+    said = []
+    for step in outcome.steps:
+        for family, other in step.rivals:
+            worse = other.cost - (step.before.cost - step.gain)
+            said.append({"mechanism": family.mechanism, "why": f"explains less (log-likelihood lower by {worse:.0f})"})
+    for score in outcome.scores[:8]:
+        why = f"gains too little (log-likelihood {score.gain:.1f}, p {score.p:.2g})"
+        said.append({"mechanism": score.family.mechanism, "why": why})
+    return said
+
+
+def remarks(outcome: Outcome) -> list[str]:
+    """What the recordings say so little of that something wrong would pass."""
+    final = outcome.final
+    spread = deviations(final)
+    silent = [
+        each.name.replace("_", " ")
+        for each, std in zip(final.hypothesis.unknowns[: len(NAMES)], spread, strict=False)
+        if std > SILENT * each.std
+    ]
+    if not silent:
+        return []
+    named = " and the ".join(silent)
+    return [f"The recordings say next to nothing of the {named}: what the lab states stands unchecked."]
+
+
+def waves(outcome: Outcome) -> tuple[Wave, ...]:
+    """Force and acceleration of every recording, with what was believed and what was found."""
+    made = []
+    fitted = [
+        (
+            Settled(one, before, outcome.plain.fit.shared),
+            Settled(two, after, outcome.final.fit.shared),
+        )
+        for one, two, before, after in zip(
+            outcome.plain.blocks, outcome.final.blocks, outcome.plain.fit.own, outcome.final.fit.own, strict=True
+        )
+    ]
+    held = list(zip(*outcome.held_fits, strict=True))
+    for i, (before, after) in enumerate([*fitted, *held]):
+        block = after.block
+        inside = block.judged
+        time = np.arange(block.data.force.size)[inside] / block.data.rate
+        said = [reading(each)[:, inside] for each in (before, after)]
+        traces = tuple(
+            Trace(channel, unit, block.measured[j, inside], said[0][j], said[1][j])
+            for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2")))
+        )
+        made.append(Wave(block.scene.name, i >= len(fitted), time, traces))
+    return tuple(made)
+
+
+def reading(settled: Settled) -> Floats:
+    """(2, n) what a model reads."""
+    block, own, shared = settled
+    values = shared * block.widths
+    raw = block.integrate(block.hypothesis.model(values, block.scene), own, no_columns(), 0)
+    return block.read(values, raw.said) + block.disturbance(own)
+
+
+def record_of(outcome: Outcome, faults: Mapping[str, Any] | list[str]) -> dict[str, Any]:
+    """The record of ``report.json``."""
+    explained = outcome.verdict != "unexplained"
+    cells = excess(outcome)
+    return {
+        "verdict": outcome.verdict,
+        "where": where(outcome, cells),
+        "findings": findings(outcome) if explained else [],
+        "parameters": parameters(outcome.final) if explained else {},
+        "bookkeeping": [],
+        "fit": quality_of_fit(outcome),
+        "rejected": rejected(outcome),
+        "next": [],
+        "quality": faults,
+        "remarks": remarks(outcome),
+        "cells": cells,
+    }

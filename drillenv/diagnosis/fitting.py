@@ -1,0 +1,220 @@
+"""Fits of a hypothesis to recordings, and the noise that they leave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drillenv.diagnosis import predict
+from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.drill import STATE_WIDTHS, Hypothesis, Recorded, no_columns
+from drillenv.diagnosis.laws import axes_of
+from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, quantum
+from drillenv.diagnosis.predict import STATES
+from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
+
+WEIGHTS = (1e3, 1.0)
+"""Continuation in the standard deviations of the continuity constraints: windows nearly free, then windows that go on
+from each other to within the integrator's error."""
+FULL = Limits()
+CLOSE = 1.5
+"""Reduced chi-square from which a model is too far off for its windows to be joined further."""
+
+
+@dataclass
+class Fitted:
+    """A hypothesis fitted to recordings."""
+
+    hypothesis: Hypothesis
+    blocks: list[Recorded]
+    fit: Fit
+    priors: Priors
+
+    @property
+    def values(self) -> Floats:
+        """Of the parameters, in their units."""
+        return self.fit.shared * np.array([each.width for each in self.hypothesis.unknowns])
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood with the priors."""
+        return self.fit.cost
+
+    @property
+    def noise(self) -> list[Noise]:
+        """Of each recording."""
+        return [each.noise for each in self.blocks]
+
+    @property
+    def weight(self) -> float:
+        """Of the continuity constraints."""
+        return self.blocks[0].weight
+
+    @property
+    def samples(self) -> int:
+        """How many numbers are fitted."""
+        return sum(2 * (each.judged.stop - each.judged.start) for each in self.blocks)
+
+    @property
+    def freedom(self) -> int:
+        """Samples less own unknowns."""
+        return self.samples - sum(own.size for own in self.fit.own) - self.fit.shared.size
+
+    @property
+    def per_freedom(self) -> float:
+        """Reduced chi-square."""
+        return 2.0 * self.cost / self.freedom
+
+    def values_of(self, name: str) -> Floats:
+        """Parameters of a term."""
+        split = self.hypothesis.split(self.values)
+        return next(own for term, own in zip(self.hypothesis.terms, split, strict=True) if term.name == name)
+
+
+def priors_of(hypothesis: Hypothesis) -> Priors:
+    """Priors and bounds of a hypothesis' parameters, in the solver's units."""
+    unknowns = hypothesis.unknowns
+    widths = np.array([each.width for each in unknowns])
+    return Priors(
+        np.array([each.value for each in unknowns]) / widths,
+        widths / np.array([each.std for each in unknowns]),
+        np.array([each.low for each in unknowns]) / widths,
+        np.array([each.high for each in unknowns]) / widths,
+    )
+
+
+Noise = tuple[NoiseModel, NoiseModel]
+
+
+def noise_of(data: Conditioned) -> Noise:
+    """White noise as conditioning has found it."""
+    return NoiseModel(data.noise_force, 0.0, (), data.rate), NoiseModel(data.noise_acceleration, 0.0, (), data.rate)
+
+
+def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
+    """Noise of each recording as a fit's residuals show it."""
+
+    def estimated(block: Recorded, own: Floats) -> Noise:
+        values = fitted.values
+        raw = block.integrate(fitted.hypothesis.model(values, block.scene), own, no_columns(), 0)
+        # lines that are known already are left in
+        left = (block.measured - block.read(values, raw.said))[:, block.judged]
+        return level(left[0], block.measured[0], block), level(left[1], block.measured[1], block)
+
+    def level(row: Floats, samples: Floats, block: Recorded) -> NoiseModel:
+        rate, tone = block.data.rate, float(block.scene.frequency)
+        found = estimate(row, rate, tone, quantum(samples))
+        more = lone_lines(row, rate, tone, found)
+        if not more:
+            return found
+        # with them gone the level is another
+        alone = replace(found, lines=tuple(sorted((*found.lines, *more))))
+        columns = line_columns(alone, row.size).T
+        again = estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, quantum(samples))
+        return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
+
+    each: Callable = map if pool is None else pool.map
+    return list(each(estimated, fitted.blocks, fitted.fit.own))
+
+
+def first_states(data: Conditioned, damping: float) -> Floats:
+    """Own unknowns of a recording as conditioning guesses them."""
+    force, v1, v2, w = data.states[:, :4].T
+    states = np.column_stack([force, damping * (v1 - v2), v2, w])
+    return np.append((states / STATE_WIDTHS[:4]).ravel(), [0.0, 0.0])
+
+
+def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:
+    """The same with so many states a window, where it had ``kept``, and so many amplitudes of lines."""
+    states = np.zeros((windows, size))
+    take = min(kept, size)
+    states[:, :take] = own[: windows * kept].reshape(windows, kept)[:, :take]
+    behind = np.zeros(2 + lines)
+    behind[:2] = own[windows * kept : windows * kept + 2]
+    if own.size == windows * kept + 2 + lines:
+        behind = own[windows * kept :]
+    return np.concatenate([states.ravel(), behind])
+
+
+def kept_of(own: Floats, windows: int) -> int:
+    """States a window of own unknowns whose lines are fewer than three windows."""
+    return STATES if (own.size - 2) // windows >= STATES else 4
+
+
+def fitted_to(own: Floats, windows: int, size: int, level: Noise) -> Floats:
+    """Own unknowns with so many states a window, and amplitudes of the lines of a noise model."""
+    return resized(own, windows, size, kept_of(own, windows), sum(2 * len(each.lines) for each in level))
+
+
+def chained(blocks: Sequence[Recorded], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
+    """Own unknowns with which windows go on from each other: see :meth:`Recorded.chained`."""
+    each: Callable = map if pool is None else pool.map
+    return list(each(lambda block, x: block.chained(shared, x), blocks, own))
+
+
+def fit_to(
+    data: Sequence[Conditioned],
+    hypothesis: Hypothesis,
+    start: Floats | None,
+    own: Sequence[Floats],
+    pool: Executor | None,
+    weights: Sequence[float] = WEIGHTS,
+    limits: Limits = FULL,
+    noise: Sequence[Noise] | None = None,
+    tails: float = math.inf,
+) -> Fitted:
+    """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres.
+
+    The continuation in ``weights`` goes on as long as the model is close.
+    """
+    priors = replace(priors_of(hypothesis), freedom=tails)
+    shared = priors.centre.copy() if start is None else start
+    size = STATES if any(term.remembers for term in hypothesis.terms) else 4
+    levels = [noise_of(each) if noise is None else noise[i] for i, each in enumerate(data)]
+    own = [
+        fitted_to(each, len(one.starts) - 1, size, level) for each, one, level in zip(own, data, levels, strict=True)
+    ]
+    blocks, fit, samples = [], None, 1
+    for weight in weights:
+        if fit is not None and 2.0 * fit.cost / samples > CLOSE:
+            break
+        if fit is not None:
+            own = chained(blocks, fit.shared, own, pool)
+        blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
+        samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
+        fit = minimise(blocks, shared, own, priors, limits, pool, samples)
+        own = restarted(blocks, fit, pool)
+        if any(one is not other for one, other in zip(own, fit.own, strict=True)):
+            fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
+        shared, own = fit.shared, fit.own
+    assert fit is not None
+    return Fitted(hypothesis, blocks, fit, priors)
+
+
+def restarted(blocks: Sequence[Recorded], fit: Fit, pool: Executor | None) -> list[Floats]:
+    """Own unknowns of each block, windows that stand out begun anew."""
+    each: Callable = map if pool is None else pool.map
+    return list(each(lambda block, own: block.restarted(fit.shared, own), blocks, fit.own))
+
+
+def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
+    """Path (7, n) and model of each recording, where the fit stands."""
+    values = fitted.values
+    models = [fitted.hypothesis.model(values, each.scene) for each in fitted.blocks]
+
+    def path(block: Recorded, own: Floats, model) -> Floats:
+        return block.integrate(model, own, no_columns(), 0, path=True).path[:, block.inside]
+
+    return list(pool.map(path, fitted.blocks, fitted.fit.own, models)), models
+
+
+def axes_at(fitted: Fitted, pool: Executor):
+    """Axes over the ranges that a fit's motions visit."""
+    paths, models = motions(fitted, pool)
+    drive = max(float(each.s[predict.F_A]) for each in models)
+    rest = [float(each.s[predict.F_B] / each.s[predict.K]) for each in models]
+    return axes_of(paths, drive, rest)

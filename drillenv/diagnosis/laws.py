@@ -1,0 +1,352 @@
+"""Families of missing physics with free laws: curves over their argument, as penalised splines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from drillenv.diagnosis import predict
+from drillenv.diagnosis.drill import Model, Scene, Term, Unknown
+from drillenv.diagnosis.predict import GRID, PLACES, Axes
+from drillenv.diagnosis.solver import Floats
+from drillenv.dynamics.effects import REGISTRY, Parameter
+from drillenv.dynamics.forms import Around, Form
+
+TWO_PI = 2.0 * math.pi
+PLACE_NAMES = (
+    "loading",
+    "unloading",
+    "rate-factor",
+    "rate-force",
+    "compaction",
+    "spring",
+    "spring-from-rest",
+    "damper",
+    "guide",
+    "indenter",
+    "drive-waveform",
+    "drive-curve",
+)
+"""In the order of the integrator's places."""
+ORDERS = (2, 3, 4, 5)
+"""Multiples of the excitation's frequency that a free waveform has."""
+LOGARITHMS = (predict.LOADING, predict.UNLOADING)
+"""Places whose tables hold the logarithm of a factor."""
+NUMBERS = {
+    "mount_gain": predict.MOUNT_GAIN,
+    "mount_square": predict.MOUNT_SQUARE,
+    "mount_damping": predict.MOUNT_DAMPING,
+    "air_stiffness": predict.AIR_STIFFNESS,
+    "air_rate": predict.AIR_RATE,
+}
+
+
+NO_FORM = Form("", (), ())
+
+
+@dataclass(frozen=True)
+class Curve(Term):
+    """A free law at one place: coefficients of basis functions that are tabulated on the place's axis."""
+
+    place: int = 0
+    basis: Floats = field(default_factory=lambda: np.zeros((0, GRID)))
+    """(coefficients, GRID)."""
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Add the curve."""
+        model.tables[self.place] += values @ self.basis
+
+
+@dataclass(frozen=True)
+class Gain(Term):
+    """A free law over the frequency of the excitation: of the drive's gain, or of its phase."""
+
+    scalar: int = 0
+    knots: Floats = field(default_factory=lambda: np.zeros(0))
+    """(coefficients,) Hz."""
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Change the drive's gain or phase at the recording's frequency."""
+        change = float(np.interp(scene.frequency, self.knots, values))
+        if self.scalar == predict.F_A:
+            model.s[predict.F_A] *= 1.0 + change
+        else:
+            model.s[self.scalar] += change
+
+
+@dataclass(frozen=True)
+class Air(Term):
+    """Pressure that falls as the piston advances and recovers with the time ``tau``; its stiffness is free."""
+
+    tau: float = 0.2
+    remembers = True
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Add the air's stiffness."""
+        model.s[predict.AIR_STIFFNESS] += values[0]
+        model.s[predict.AIR_RATE] = 1.0 / self.tau
+
+
+@dataclass(frozen=True)
+class Mount(Term):
+    """A rock that gives: one mode of the frequency (Hz) and damping ratio; its gain (1/kg) is free."""
+
+    frequency: float = 100.0
+    ratio: float = 0.1
+    remembers = True
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Add the mode."""
+        turn = TWO_PI * self.frequency
+        model.s[predict.MOUNT_GAIN] += values[0]
+        model.s[predict.MOUNT_SQUARE] = turn**2
+        model.s[predict.MOUNT_DAMPING] = 2.0 * self.ratio * turn
+
+
+@dataclass(frozen=True)
+class Equation(Term):
+    """A mechanism of the library by its own equation."""
+
+    effect: str = ""
+    form: Form = NO_FORM
+    remembers: bool = False
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Add what the equation says at each of its places, and of numbers of the model."""
+        s = model.s
+        around = Around(s[predict.K], s[predict.K_L], s[predict.K_L] * s[predict.RATIO], scene.frequency)
+        p = self.parameters(values)
+        for name, law in self.form.laws.items():
+            place = PLACE_NAMES.index(name)
+            curve = law(axes.points(place), p, around)
+            model.tables[place] += np.log(np.clip(curve, 1e-3, 1e3)) if place in LOGARITHMS else curve
+        if self.form.numbers is not None:
+            for name, value in self.form.numbers(p, around).items():
+                if name == "drive":
+                    s[predict.F_A] *= 1.0 + value
+                else:
+                    s[NUMBERS[name]] += value
+
+    def parameters(self, values: Floats) -> tuple[float, ...]:
+        """All of the effect's, by their order; those that the form has not are neutral."""
+        given = dict(zip(self.form.symbols, (float(each) for each in values), strict=True))
+        return tuple(given.get(each.symbol, each.neutral) for each in REGISTRY[self.effect].parameters)
+
+
+def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
+    """The library's equations that act at one of these places, or on one of these numbers, and nowhere else."""
+    found = []
+    for name, effect in REGISTRY.items():
+        for form in effect.forms:
+            own = {PLACE_NAMES.index(each) for each in form.laws}
+            fits = bool(own) and own <= set(places)
+            if form.numbers is not None:
+                made = form.numbers(tuple(each.typical[1] for each in effect.parameters), Around(7e4, 2e7, 2.5e7, 80.0))
+                fits = set(made) <= set(numbers)
+            if fits:
+                unknowns = tuple(_unknown(effect.parameter(symbol), form, i) for i, symbol in enumerate(form.symbols))
+                remembers = form.numbers is not None and "drive" not in made
+                found.append(Equation(f"{name}: {form.name}", unknowns, name, form, remembers))
+    return found
+
+
+def _unknown(parameter: Parameter, form: Form, i: int) -> Unknown:
+    """A parameter of an equation; its unit is a fifth of the largest start."""
+    largest = max(abs(start[i]) for start in form.starts)
+    return Unknown(
+        parameter.symbol, form.starts[0][i], 0.2 * largest, math.inf, parameter.low, parameter.high, parameter.unit
+    )
+
+
+def bsplines(count: int, degree: int = 3) -> Floats:
+    """(count, GRID) B-splines over a place's axis."""
+    inner = np.linspace(0.0, GRID - 1.0, count - degree + 1)
+    knots = np.concatenate([[0.0] * degree, inner, [GRID - 1.0] * degree])
+    return BSpline.design_matrix(np.arange(GRID).astype(float), knots, degree).toarray().T
+
+
+def odd(basis: Floats) -> Floats:
+    """Of functions over half of the axis, those that are odd about its middle: 0 there."""
+    half = (GRID - 1) // 2
+    right = basis[:, ::2][:, : half + 1] - basis[:, :1]
+    return np.concatenate([-right[:, :0:-1], right], axis=1)
+
+
+def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axes:
+    """Axes over the ranges that motions (7, n) visit; ``rest`` is F_b / k of each."""
+
+    def span(values: Floats) -> tuple[float, float]:
+        low, high = np.percentile(values, [0.2, 99.8])
+        return float(low), float(high)
+
+    y = np.concatenate([p[predict.Y] for p in paths])
+    beyond = np.concatenate([p[predict.Y] - r for p, r in zip(paths, rest, strict=True)])
+    v1, v2 = (np.concatenate([p[i] for p in paths]) for i in (predict.V1, predict.V2))
+    w = np.concatenate([p[predict.W] for p in paths])
+    deep = float(np.percentile(w[w > 0.0], 99.8))
+    into = v2[w > 0.0]
+    fast = float(np.percentile(np.abs(into), 99.8))
+    ranges: dict[int, tuple[float, float, float]] = {
+        predict.LOADING: (0.0, deep, deep / 4.0),
+        predict.UNLOADING: (0.0, deep, deep / 4.0),
+        predict.RATE_FACTOR: (-fast, fast, fast / 8.0),
+        predict.RATE_FORCE: (-fast, fast, fast / 8.0),
+        predict.COMPACTION: (0.0, 150.0, 5.0),
+        predict.WAVEFORM: (0.0, TWO_PI, 1e3),
+        predict.DRIVE: (-drive, drive, 1e3 * drive),
+    }
+    for place, values in ((predict.SPRING, y), (predict.SPRING_FROM_REST, beyond)):
+        low, high = span(values)
+        ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
+    speeds = ((predict.DAMPER, v1 - v2, 5.0), (predict.GUIDE, v1, 30.0), (predict.INDENTER, v2, 30.0))
+    for place, values, sharp in speeds:
+        largest = float(np.percentile(np.abs(values), 99.8))
+        ranges[place] = (-largest, largest, largest / sharp)
+    scale = np.array([ranges[place][2] for place in range(PLACES)])
+    low = np.arcsinh(np.array([ranges[place][0] for place in range(PLACES)]) / scale)
+    high = np.arcsinh(np.array([ranges[place][1] for place in range(PLACES)]) / scale)
+    return Axes(scale, low, (high - low) / (GRID - 1))
+
+
+def _named(name: str, count: int, width: float, loose: float = 30.0) -> tuple[Unknown, ...]:
+    return tuple(Unknown(f"{name} {i}", 0.0, width, loose * width) for i in range(count))
+
+
+def _waves(orders: Sequence[int]) -> Floats:
+    around = np.linspace(0.0, TWO_PI, GRID)
+    return np.array([part(order * around) for order in orders for part in (np.sin, np.cos)])
+
+
+@dataclass(frozen=True)
+class Family:
+    """A mechanism whose law is free: which balance it enters and which variables it depends on."""
+
+    name: str
+    group: str
+    """Families that are the same mechanism at another time constant or frequency have one group."""
+    terms: tuple[Term, ...]
+    known_as: str = ""
+    """The mechanism where no equation of the library tells which; the group's name where empty."""
+
+    @property
+    def mechanism(self) -> str:
+        """The name of the mechanism as the recording format has it."""
+        return self.known_as or self.group
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The parameters of all its terms."""
+        return tuple(each for term in self.terms for each in term.unknowns)
+
+    @property
+    def size(self) -> int:
+        """How many parameters it has."""
+        return len(self.unknowns)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it has states of its own."""
+        return any(term.remembers for term in self.terms)
+
+
+def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[Family]:
+    """Every family with a free law, at zero; ``detail`` times as many spline intervals."""
+
+    def splines(count: int) -> Floats:
+        return bsplines((count - 3) * detail + 3)
+
+    knots = np.linspace(min(frequencies), max(frequencies), 3)
+    decay = splines(5)[:4]
+
+    def curve(name: str, width: float, place: int, basis: Floats, *known: Callable[[Floats], Floats]) -> Term:
+        x = axes.points(place)
+        free = normalised(basis, [each(x) for each in known])
+        return Curve(name, _named(name, len(free), width), place, free)
+
+    half = odd(splines(6))[1:]
+    made = [
+        Family(
+            "contact-law",
+            "contact-law",
+            (
+                curve("loading", 0.05, predict.LOADING, splines(7), np.ones_like),
+                curve("unloading", 0.05, predict.UNLOADING, splines(7), np.ones_like),
+            ),
+            "contact-power-law",
+        ),
+        Family(
+            "contact-rate",
+            "contact-rate",
+            (
+                curve("rate-factor", 0.05, predict.RATE_FACTOR, _through_zero(splines(7))),
+                curve("rate-force", 20.0, predict.RATE_FORCE, _through_zero(splines(7))),
+            ),
+        ),
+        Family("rock-compaction", "rock-compaction", (curve("compaction", 0.1, predict.COMPACTION, decay),)),
+        Family(
+            "spring",
+            "spring",
+            (curve("spring", 10.0, predict.SPRING, splines(8), np.ones_like, _itself),),
+            "stiffness-hardening",
+        ),
+        Family(
+            "backlash",
+            "backlash",
+            (curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, splines(12), np.ones_like, _itself),),
+        ),
+        Family(
+            "damper",
+            "damper",
+            (curve("damper", 10.0, predict.DAMPER, splines(9), np.ones_like, _itself),),
+            "damping-quadratic",
+        ),
+        Family("guide-friction", "guide-friction", (curve("guide", 10.0, predict.GUIDE, half),)),
+        Family("indenter-friction", "indenter-friction", (curve("indenter", 10.0, predict.INDENTER, half),)),
+        Family("drive-harmonics", "drive-harmonics", (curve("waveform", 0.05, predict.WAVEFORM, _waves(ORDERS)),)),
+        Family("force-limit", "force-limit", (curve("drive", 10.0, predict.DRIVE, splines(9), np.ones_like, _itself),)),
+        Family(
+            "drive-droop",
+            "drive-droop",
+            (
+                Gain("gain", _named("gain", 3, 0.05), predict.F_A, knots),
+                Gain("phase", _named("phase", 3, 0.05), predict.PHASE, knots),
+            ),
+        ),
+    ]
+    for tau in (0.06, 0.4):
+        made.append(Family(f"air-spring {tau:g} s", "air-spring", (Air("air", _named("air", 1, 1e4), tau),)))
+    for f in (60.0, 150.0, 380.0):
+        mode = Mount("mount", _named("mount", 1, 0.01), f)
+        made.append(Family(f"rock-mount-compliance {f:g} Hz", "rock-mount-compliance", (mode,)))
+    return made
+
+
+def _itself(x: Floats) -> Floats:
+    return x
+
+
+def moved_to(term: Term, other: Term, values: Floats) -> Floats:
+    """Coefficients with which ``other`` has, as nearly as can be, the law that ``term`` has with ``values``."""
+    if not isinstance(term, Curve) or not isinstance(other, Curve):
+        return values
+    return np.asarray(np.linalg.lstsq(other.basis.T, values @ term.basis, rcond=None)[0], dtype=float)
+
+
+def normalised(basis: Floats, known: Sequence[Floats]) -> Floats:
+    """Functions (m, GRID) that span the same but for what the constants can take up, of root mean square 1."""
+    if known:
+        fixed = np.linalg.qr(np.column_stack(known))[0]
+        basis = basis - (basis @ fixed) @ fixed.T
+    _, sizes, rows = np.linalg.svd(basis, full_matrices=False)
+    return np.asarray(rows[sizes > 1e-6 * sizes[0]] * math.sqrt(GRID), dtype=float)
+
+
+def _through_zero(basis: Floats) -> Floats:
+    """Functions that are 0 in the middle of the axis, one fewer."""
+    left = basis - basis[:, [(GRID - 1) // 2]]
+    rows = np.linalg.svd(left, full_matrices=False)[2]
+    return np.asarray(rows[: len(basis) - 1] * math.sqrt(GRID), dtype=float)

@@ -1,0 +1,214 @@
+"""Which of the library's equations, if any, does as well as a law that was fitted freely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from drillenv.diagnosis import predict
+from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.drill import Hypothesis, Model, Term
+from drillenv.diagnosis.fitting import Fitted, fit_to
+from drillenv.diagnosis.laws import NUMBERS, Curve, Equation, Family, Gain, equations
+from drillenv.diagnosis.predict import GRID, PLACES, SCALARS
+from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
+from drillenv.diagnosis.solver import Floats, Limits
+
+LAW_ERROR = 0.05
+"""Relative error of a fitted law that is allowed for: what it leaves, a share LAW_ERROR^2 of its gain, calls for no
+further family."""
+ALIKE = 0.01
+"""Probability of calling an equation worse than the free law though it is the true one."""
+LEVEL = 0.08
+"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
+THOROUGH = Limits(15, 0.5, 0.003)
+STARTS = 2
+"""Starts of an equation that are followed to their end."""
+
+
+@dataclass
+class Named:
+    """A family with the equation that comes nearest to its law."""
+
+    family: Family
+    mechanism: str
+    equation: Term | None
+    """The library's equation that does as well as the free law."""
+    nearest: list[tuple[Term, float]]
+    """Equations that were tried, with how much worse they are, in log-likelihood."""
+
+    @staticmethod
+    def does_as_well(worse: float, gain: float, freedom: int) -> bool:
+        """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one."""
+        return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + LAW_ERROR**2 * gain
+
+
+SENSORS = {
+    "accelerometer": ("accelerometer-resonance", "accelerometer-lowpass", "channel-delay"),
+    "channel-delay": ("channel-delay",),
+    "load-cell-inertia": ("load-cell-inertia",),
+    "sensor-offset": ("sensor-offset",),
+    "mains-hum": ("mains-hum", "hum 50 Hz", "hum 60 Hz"),
+    "sensor-highpass": (),
+}
+"""Equations of sensors by the family whose law they may follow."""
+
+
+def effect_of(term: Term) -> str:
+    """The name of an equation's effect."""
+    if isinstance(term, Equation):
+        return term.effect
+    return "mains-hum" if term.name.startswith("hum") else term.name
+
+
+def without(hypothesis: Hypothesis, terms: Sequence[Term]) -> Hypothesis:
+    """The hypothesis less some of its terms."""
+    names = {each.name for each in terms}
+    return Hypothesis(tuple(each for each in hypothesis.terms if each.name not in names), hypothesis.axes)
+
+
+def law_of(fitted: Fitted, family: Family, scene) -> Model:
+    """What a family adds to the model of a recording, the paper's constants aside."""
+    names = {each.name for each in family.terms}
+    model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+    constants = fitted.hypothesis.terms[0]
+    split = fitted.hypothesis.split(fitted.values)
+    constants.contribute(split[0], model, scene, fitted.hypothesis.axes)
+    for term, own in zip(fitted.hypothesis.terms, split, strict=True):
+        if term.name in names:
+            term.contribute(own, model, scene, fitted.hypothesis.axes)
+    return model
+
+
+def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[Floats]:
+    """Parameters with which an equation comes nearest to the free law, from each of its starts, the best first."""
+    scenes = [each.scene for each in fitted.blocks]
+    found = [law_of(fitted, family, scene) for scene in scenes]
+    axes = fitted.hypothesis.axes
+    constants = fitted.hypothesis.terms[0]
+    own = fitted.hypothesis.split(fitted.values)[0]
+    known = {term.place: term.basis for term in family.terms if isinstance(term, Curve)}
+    low = np.array([each.low for each in equation.unknowns])
+    high = np.array([each.high for each in equation.unknowns])
+    width = np.array([each.width for each in equation.unknowns])
+
+    def misfit(scaled: Floats) -> Floats:
+        rows = []
+        for model, scene in zip(found, scenes, strict=True):
+            tried = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+            constants.contribute(own, tried, scene, axes)
+            equation.contribute(scaled * width, tried, scene, axes)
+            for place, basis in known.items():
+                off = tried.tables[place] - model.tables[place]
+                # what the free law leaves to the constants is no difference
+                inside = basis @ off / GRID
+                size = float(np.sqrt(np.mean(model.tables[place] ** 2))) or 1.0
+                rows.append(inside / size)
+            for i in (*NUMBERS.values(), predict.F_A):
+                if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
+                    rows.append(np.atleast_1d(np.log(max(tried.s[i], 1e-12) / model.s[i])))
+        return np.concatenate(rows)
+
+    made = []
+    for start in equation.form.starts:
+        at = np.clip(np.array(start), low, high) / width
+        result = least_squares(misfit, at, bounds=(low / width - 1e-12, high / width + 1e-12), max_nfev=60)
+        made.append((float(result.cost), result.x * width))
+    made.sort(key=lambda each: each[0])
+    chosen = [made[0][1]]
+    for _, values in made[1:]:
+        if len(chosen) < STARTS and all(np.max(np.abs(values - each) / width) > 0.2 for each in chosen):
+            chosen.append(values)
+    return chosen
+
+
+def places_of(family: Family) -> tuple[list[int], list[str]]:
+    """Places of a family's curves, and the numbers of the model that it changes."""
+    places = [term.place for term in family.terms if isinstance(term, Curve)]
+    numbers = ["drive"] if any(isinstance(term, Gain) for term in family.terms) else []
+    if family.group == "air-spring":
+        numbers = ["air_stiffness", "air_rate"]
+    if family.group == "rock-mount-compliance":
+        numbers = ["mount_gain", "mount_square", "mount_damping"]
+    return places, numbers
+
+
+def rivals(fitted: Fitted, family: Family) -> list[tuple[Term, list[Floats]]]:
+    """The library's equations that could stand for a family's law, with where to begin."""
+    if isinstance(family.terms[0], Sensor):
+        names = [block.scene.name for block in fitted.blocks]
+        rate = min(block.data.rate for block in fitted.blocks)
+        every = [each for each in textbook_sensors(names, rate) if each.name in SENSORS[family.group]]
+        if family.group == "mains-hum":
+            every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
+        return [(each, sensor_starts(fitted, family, each, rate)) for each in every]
+    return [(each, starts_of(fitted, family, each)) for each in equations(*places_of(family))]
+
+
+def rate_of(fitted: Fitted) -> float:
+    """The lowest sample rate of the recordings."""
+    return min(block.data.rate for block in fitted.blocks)
+
+
+def kind_of_response(term: Term, values: Floats, rate: float) -> str:
+    """What a frequency response is: one that rises resonates, one that falls is a low-pass, a level one a delay."""
+    frequency = np.linspace(100.0, min(4000.0, 0.35 * rate), 80)
+    gain = np.abs(response(term, values, frequency))  # type: ignore[arg-type]
+    if float(gain.max()) > 1.0 + LEVEL:
+        return "accelerometer-resonance"
+    return "accelerometer-lowpass" if float(gain.min()) < 1.0 - LEVEL else "channel-delay"
+
+
+def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:
+    """Where a sensor's equation begins: of its starts, those whose response is nearest to the free one."""
+    begun = np.array([each.value for each in sensor.unknowns])
+    if not sensor.starts or len(sensor.starts) == 1:
+        return [begun]
+    symbols = [each.name for each in sensor.unknowns]
+    frequency = np.geomspace(60.0, min(4000.0, 0.35 * rate), 60)
+    free = fitted.values_of(family.terms[0].name)
+    wanted = response(family.terms[0], free, frequency)  # type: ignore[arg-type]
+    scored = []
+    for start in sensor.starts:
+        values = np.array([start[symbol] for symbol in symbols])
+        off = response(sensor, values, frequency) - wanted
+        scored.append((float(np.sum(np.abs(off) ** 2)), values))
+    scored.sort(key=lambda each: each[0])
+    return [values for _, values in scored[:STARTS]]
+
+
+def name_law(
+    data: Sequence[Conditioned], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
+) -> tuple[Named, Fitted]:
+    """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
+    tried: list[tuple[Term, Fitted]] = []
+    rest = without(fitted.hypothesis, family.terms)
+    kept = [
+        own / np.array([each.width for each in term.unknowns])
+        for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True)
+        if term in rest.terms
+    ]
+    for equation, starts in rivals(fitted, family):
+        for values in starts:
+            hypothesis = replace(rest, terms=(*rest.terms, equation))
+            width = np.array([each.width for each in equation.unknowns])
+            start = np.concatenate([*kept, values / width])
+            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, (fitted.weight,), THOROUGH, fitted.noise)
+            say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
+            tried.append((equation, other))
+    tried.sort(key=lambda pair: pair[1].cost)
+    nearest = [(equation, other.cost - fitted.cost) for equation, other in tried]
+    if not tried:
+        return Named(family, family.mechanism, None, []), fitted
+    best, found = tried[0]
+    mechanism = effect_of(best)
+    if isinstance(best, Sensor) and family.group == "accelerometer":
+        mechanism = kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate_of(fitted))
+    if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
+        return Named(family, effect_of(best), best, nearest), found
+    return Named(family, mechanism, None, nearest), fitted

@@ -1,0 +1,604 @@
+"""The drilling rig between two samples and over windows, with its sensitivities.
+
+One model holds the paper's rig and every place where physics may be missing. A place is a curve, tabulated over its
+argument; all curves at zero give the paper's model. So a textbook equation and a free law are the same to the solver:
+a table, and the derivative of that table by each of its parameters.
+
+States: shortening y of the coupling (m), speeds v1 and v2 (m/s), contact coordinate w (m), deflection u (m) and speed
+(m/s) of the rock's mount, force q (N) that the cylinder has lost. Off the rock w is the distance to it, negative. On
+the rock w = R / k_l, R the force of the rock law, so that both ways of the paper's law are w' = kappa (v2 - u'), with
+kappa = 1 loading and k_u / k_l unloading; its memory is in w and in nothing else.
+
+Sensitivities are those of the variational equations along the motion. At a switch of the contact they jump by the
+saltation matrix (M. di Bernardo et al., Piecewise-smooth Dynamical Systems, Springer, 2008, Section 2.5).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+# States
+Y, V1, V2, W, U, UD, Q = range(7)
+STATES = 7
+STATE_NAMES = ("y", "v1", "v2", "w", "u", "u'", "q")
+
+# Places of curves
+(
+    LOADING,
+    UNLOADING,
+    RATE_FACTOR,
+    RATE_FORCE,
+    COMPACTION,
+    SPRING,
+    SPRING_FROM_REST,
+    DAMPER,
+    GUIDE,
+    INDENTER,
+    WAVEFORM,
+    DRIVE,
+) = range(12)
+PLACES = 12
+GRID = 161
+"""Points of a table."""
+
+# Scalars of the model
+(
+    M1,
+    M2,
+    K,
+    C,
+    F_A,
+    F_B,
+    K_L,
+    RATIO,
+    MOUNT_GAIN,
+    MOUNT_SQUARE,
+    MOUNT_DAMPING,
+    AIR_STIFFNESS,
+    AIR_RATE,
+    PHASE,
+) = range(14)
+SCALARS = 14
+"""m1, m2 (kg), k (N/m), c (N s/m), drive and static force (N), k_l (N/m), k_u / k_l; of the mount 1 / m_r (1/kg),
+natural frequency squared and twice damping ratio times natural frequency; stiffness (N/m) and rate (1/s) of the air;
+phase of the drive (rad)."""
+
+LARGEST_LOG = 5.0
+"""Curves of loading and unloading are logarithms of the factor on the stiffness, and no larger than this."""
+
+# Kinds of columns beside scalars (>= 0, the index of the scalar)
+CURVE, ON_SHAKER, ON_INDENTER, MODULATION = -1, -2, -3, -4
+
+FLIGHT, ON_LOADING, ON_UNLOADING = 0, 1, 2
+MOST_PARTS = 100
+"""Of one step; more is a motion that sticks at a switch."""
+STIFF, FINEST_PART = 0.5, 32.0
+"""A step times the fastest rate of the law that acts, at most; and the most parts that one is cut into for it."""
+
+
+class Axes(NamedTuple):
+    """How each place's argument is turned into a position in its table: asinh(x / scale), from low to high."""
+
+    scale: np.ndarray
+    """(PLACES,) in the argument's unit."""
+    low: np.ndarray
+    """(PLACES,) of asinh(x / scale)."""
+    step: np.ndarray
+    """(PLACES,)"""
+
+    def points(self, place: int) -> np.ndarray:
+        """(GRID,) arguments at which a place's table stands."""
+        return self.scale[place] * np.sinh(self.low[place] + self.step[place] * np.arange(GRID))
+
+
+class Columns(NamedTuple):
+    """By what the motion is differentiated. Arrays have shape (columns,)."""
+
+    kind: np.ndarray
+    """A scalar's index, or one of the kinds."""
+    place: np.ndarray
+    """Of a curve."""
+    turn: np.ndarray
+    """rad/s, of a wave; its phase is 0 at the first sample, and pi / 2 where ``cosine`` is 1."""
+    cosine: np.ndarray
+    table: np.ndarray
+    """(columns, GRID) derivative of the place's curve."""
+
+
+class Wave(NamedTuple):
+    """Sinusoids of frequencies of their own: forces on the masses in N, and shares of the rock's stiffness."""
+
+    turn: np.ndarray
+    """(3,) rad/s: shaker, indenter, stiffness."""
+    sine: np.ndarray
+    """(3,)"""
+    cosine: np.ndarray
+    """(3,)"""
+
+
+@njit(cache=True, error_model="numpy")
+def _look(tables, axes, place, x):
+    """Value and slope of a place's curve."""
+    scale = axes.scale[place]
+    at = (math.asinh(x / scale) - axes.low[place]) / axes.step[place]
+    if at <= 0.0:
+        return tables[place, 0], 0.0
+    if at >= GRID - 1:
+        return tables[place, GRID - 1], 0.0
+    i = int(at)
+    rise = tables[place, i + 1] - tables[place, i]
+    return tables[place, i] + (at - i) * rise, rise / (axes.step[place] * math.sqrt(x * x + scale * scale))
+
+
+@njit(cache=True, error_model="numpy")
+def _at(axes, place, x):
+    """Position in a place's table, within it."""
+    at = (math.asinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
+    return min(max(at, 0.0), GRID - 1.000001)
+
+
+@njit(cache=True, error_model="numpy")
+def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d):
+    """Time derivatives f of the states z; into d what they are linear in. Returns the rock's force.
+
+    d: 0 dR/dw, 1 dR/dv2, 2 dF_c/dy, 3 dF_c/dv1, 4 friction slope of the shaker, 5 of the indenter, 6 kappa,
+    7 dkappa/dw, 8 stiffness factor, 9 rate factor, 10 slope of the drive's curve, 11 waveform, 12 its slope.
+    """
+    into, closing = z[V2] - z[UD], z[V1] - z[V2]
+    rock, rock_w, rock_v, kappa, kappa_w, factor, rate = 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0
+    if regime != FLIGHT:
+        if active[COMPACTION]:
+            factor += _look(tables, axes, COMPACTION, impacts)[0]
+        if wave.turn[2] > 0.0:
+            turned = wave.turn[2] * time
+            factor += wave.sine[2] * math.sin(turned) + wave.cosine[2] * math.cos(turned)
+        straight = s[K_L] * factor
+        extra, rate_v, extra_v = 0.0, 0.0, 0.0
+        if active[RATE_FACTOR]:
+            more, rate_v = _look(tables, axes, RATE_FACTOR, into)
+            rate += more
+        if active[RATE_FORCE]:
+            extra, extra_v = _look(tables, axes, RATE_FORCE, into)
+        rock = straight * z[W] * rate + extra
+        rock_w, rock_v = straight * rate, straight * z[W] * rate_v + extra_v
+        if rock < 0.0 and z[W] > 0.0:
+            # the rock does not pull; at w = 0 itself a switch is about to be made, and the law goes on straight
+            rock, rock_w, rock_v = 0.0, 0.0, 0.0
+        place = LOADING if regime == ON_LOADING else UNLOADING
+        if active[place]:
+            more, slope = _look(tables, axes, place, max(z[W], 0.0))
+            kappa = math.exp(min(max(more, -LARGEST_LOG), LARGEST_LOG))
+            kappa_w = kappa * slope
+        if regime == ON_UNLOADING:
+            kappa *= s[RATIO]
+            kappa_w *= s[RATIO]
+    coupling, stiff, damped = s[K] * z[Y] + s[C] * closing, s[K], s[C]
+    if active[SPRING]:
+        more, slope = _look(tables, axes, SPRING, z[Y])
+        coupling += more
+        stiff += slope
+    if active[SPRING_FROM_REST]:
+        more, slope = _look(tables, axes, SPRING_FROM_REST, z[Y] - s[F_B] / s[K])
+        coupling += more
+        stiff += slope
+    if active[DAMPER]:
+        more, slope = _look(tables, axes, DAMPER, closing)
+        coupling += more
+        damped += slope
+    held1, held1_v, held2, held2_v = 0.0, 0.0, 0.0, 0.0
+    if active[GUIDE]:
+        held1, held1_v = _look(tables, axes, GUIDE, z[V1])
+    if active[INDENTER]:
+        held2, held2_v = _look(tables, axes, INDENTER, z[V2])
+    turned = theta + s[PHASE]
+    shape, shape_v = math.sin(turned), math.cos(turned)
+    if active[WAVEFORM]:
+        around = theta - 2.0 * math.pi * math.floor(theta / (2.0 * math.pi))
+        more, slope = _look(tables, axes, WAVEFORM, around)
+        shape += more
+        shape_v += slope
+    drive, bent = s[F_A] * shape, 1.0
+    if active[DRIVE]:
+        more, slope = _look(tables, axes, DRIVE, drive)
+        drive += more
+        bent += slope
+    push1, push2 = s[F_B] - z[Q] - coupling - held1, drive + coupling - rock - held2
+    if wave.turn[0] > 0.0:
+        turned = wave.turn[0] * time
+        push1 += wave.sine[0] * math.sin(turned) + wave.cosine[0] * math.cos(turned)
+    if wave.turn[1] > 0.0:
+        turned = wave.turn[1] * time
+        push2 += wave.sine[1] * math.sin(turned) + wave.cosine[1] * math.cos(turned)
+    f[Y], f[V1], f[V2], f[W] = closing, push1 / s[M1], push2 / s[M2], kappa * into
+    f[U] = z[UD]
+    f[UD] = s[MOUNT_GAIN] * rock - s[MOUNT_SQUARE] * z[U] - s[MOUNT_DAMPING] * z[UD]
+    f[Q] = s[AIR_STIFFNESS] * z[V1] - s[AIR_RATE] * z[Q]
+    d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7] = rock_w, rock_v, stiff, damped, held1_v, held2_v, kappa, kappa_w
+    d[8], d[9], d[10], d[11], d[12] = factor, rate, bent, shape, shape_v
+    return rock
+
+
+@njit(cache=True, error_model="numpy")
+def _jacobian(z, s, d, j):
+    """(7, 7) derivative of the rates by the states, from what :func:`_rates` left in d."""
+    j[:] = 0.0
+    j[Y, V1], j[Y, V2] = 1.0, -1.0
+    j[V1, Y], j[V1, V1], j[V1, V2], j[V1, Q] = -d[2] / s[M1], -(d[3] + d[4]) / s[M1], d[3] / s[M1], -1.0 / s[M1]
+    j[V2, Y], j[V2, V1], j[V2, V2] = d[2] / s[M2], d[3] / s[M2], -(d[3] + d[5] + d[1]) / s[M2]
+    j[V2, W], j[V2, UD] = -d[0] / s[M2], d[1] / s[M2]
+    j[W, V2], j[W, UD], j[W, W] = d[6], -d[6], (z[V2] - z[UD]) * d[7]
+    j[U, UD] = 1.0
+    j[UD, U], j[UD, UD] = -s[MOUNT_SQUARE], -s[MOUNT_DAMPING] - s[MOUNT_GAIN] * d[1]
+    j[UD, W], j[UD, V2] = s[MOUNT_GAIN] * d[0], s[MOUNT_GAIN] * d[1]
+    j[Q, V1], j[Q, Q] = s[AIR_STIFFNESS], -s[AIR_RATE]
+
+
+@njit(cache=True, error_model="numpy")
+def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, scalar_rock, curve, curve_rock, at):
+    """By what scalars and curves change the rates, at fixed states, and the rock's force.
+
+    scalar (SCALARS, 7), scalar_rock (SCALARS,); curve (PLACES, 7) and curve_rock (PLACES,) for a curve larger by 1 at
+    its present argument, at (PLACES,) the position of that argument in the table.
+    """
+    m1, m2, into, closing = s[M1], s[M2], z[V2] - z[UD], z[V1] - z[V2]
+    touching = regime != FLIGHT and rock > 0.0
+    scalar[:] = 0.0
+    scalar_rock[:] = 0.0
+    scalar[M1, V1] = -f[V1] / m1
+    scalar[M2, V2] = -f[V2] / m2
+    scalar[K, V1], scalar[K, V2] = -z[Y] / m1, z[Y] / m2
+    scalar[C, V1], scalar[C, V2] = -closing / m1, closing / m2
+    scalar[F_A, V2] = d[11] * d[10] / m2
+    scalar[PHASE, V2] = s[F_A] * d[12] * d[10] / m2
+    scalar[F_B, V1] = 1.0 / m1
+    if touching:
+        scalar_rock[K_L] = d[8] * d[9] * z[W]
+    if regime == ON_UNLOADING:
+        scalar[RATIO, W] = d[6] / s[RATIO] * into
+    scalar[MOUNT_GAIN, UD], scalar[MOUNT_SQUARE, UD], scalar[MOUNT_DAMPING, UD] = rock, -z[U], -z[UD]
+    scalar[AIR_STIFFNESS, Q], scalar[AIR_RATE, Q] = z[V1], -z[Q]
+    scalar[K_L, V2] = -scalar_rock[K_L] / m2
+    scalar[K_L, UD] = s[MOUNT_GAIN] * scalar_rock[K_L]
+    curve[:] = 0.0
+    curve_rock[:] = 0.0
+    if regime == ON_LOADING:
+        curve[LOADING, W] = into * d[6]
+    if regime == ON_UNLOADING:
+        curve[UNLOADING, W] = into * d[6]
+    if touching:
+        curve_rock[RATE_FACTOR] = s[K_L] * d[8] * z[W]
+        curve_rock[RATE_FORCE] = 1.0
+        curve_rock[COMPACTION] = s[K_L] * d[9] * z[W]
+        for place in (RATE_FACTOR, RATE_FORCE, COMPACTION):
+            curve[place, V2] = -curve_rock[place] / m2
+            curve[place, UD] = s[MOUNT_GAIN] * curve_rock[place]
+    for place in (SPRING, SPRING_FROM_REST, DAMPER):
+        curve[place, V1], curve[place, V2] = -1.0 / m1, 1.0 / m2
+    curve[GUIDE, V1] = -1.0 / m1
+    curve[INDENTER, V2] = -1.0 / m2
+    curve[WAVEFORM, V2] = s[F_A] * d[10] / m2
+    curve[DRIVE, V2] = 1.0 / m2
+    for place in range(PLACES):
+        if not wanted[place]:
+            continue
+        if place in (LOADING, UNLOADING):
+            x = max(z[W], 0.0)
+        elif place in (RATE_FACTOR, RATE_FORCE):
+            x = into
+        elif place == COMPACTION:
+            x = impacts
+        elif place == SPRING:
+            x = z[Y]
+        elif place == SPRING_FROM_REST:
+            x = z[Y] - s[F_B] / s[K]
+        elif place == DAMPER:
+            x = closing
+        elif place == GUIDE:
+            x = z[V1]
+        elif place == INDENTER:
+            x = z[V2]
+        elif place == WAVEFORM:
+            x = theta - 2.0 * math.pi * math.floor(theta / (2.0 * math.pi))
+        else:
+            x = s[F_A] * d[11]
+        at[place] = _at(axes, place, x)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(columns, z, theta, time, regime, impacts, s, tables, axes, active, wanted, wave, store, force, force_rock):
+    """How each column changes the rates at the state z, into force (columns, 7), and the rock's force (columns,)."""
+    scalar, scalar_rock, curve, curve_rock, at, f, d = store
+    rock = _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
+    _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, scalar_rock, curve, curve_rock, at)
+    for j in range(columns.kind.size):
+        kind = columns.kind[j]
+        if kind >= 0:
+            for i in range(STATES):
+                force[j, i] = scalar[kind, i]
+            force_rock[j] = scalar_rock[kind]
+        elif kind == CURVE:
+            place = columns.place[j]
+            i = int(at[place])
+            value = columns.table[j, i] + (at[place] - i) * (columns.table[j, i + 1] - columns.table[j, i])
+            for i in range(STATES):
+                force[j, i] = value * curve[place, i]
+            force_rock[j] = value * curve_rock[place]
+        else:
+            turned = columns.turn[j] * time
+            value = math.cos(turned) if columns.cosine[j] else math.sin(turned)
+            force[j] = 0.0
+            force_rock[j] = 0.0
+            if kind == ON_SHAKER:
+                force[j, V1] = value / s[M1]
+            elif kind == ON_INDENTER:
+                force[j, V2] = value / s[M2]
+            elif rock > 0.0:
+                force_rock[j] = s[K_L] * d[9] * z[W] * value
+                force[j, V2], force[j, UD] = -force_rock[j] / s[M2], s[MOUNT_GAIN] * force_rock[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _crossed(z, regime):
+    """Whether the state has gone past the end of its regime."""
+    if regime == FLIGHT:
+        return z[W] > 0.0
+    into = z[V2] - z[UD]
+    if regime == ON_LOADING:
+        return into < 0.0 or z[W] < 0.0
+    return into > 0.0 or z[W] < 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _multiply(a, b, size, out):
+    for i in range(size):
+        for k in range(size):
+            total = 0.0
+            for j in range(size):
+                total += a[i, j] * b[j, k]
+            out[i, k] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _step(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle):
+    """A step of the classical Runge-Kutta method from z (rates f) into ahead; ``middle`` is the state halfway."""
+    d = work[5]
+    for i in range(STATES):
+        work[4, i] = z[i] + 0.5 * h * f[i]
+    _rates(work[4], theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, work[1], d)
+    for i in range(STATES):
+        middle[i] = z[i] + 0.5 * h * work[1, i]
+    _rates(middle, theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, work[2], d)
+    for i in range(STATES):
+        work[4, i] = z[i] + h * work[2, i]
+    _rates(work[4], theta + h * omega, time + h, regime, impacts, s, tables, axes, active, wave, work[3], d)
+    for i in range(STATES):
+        ahead[i] = z[i] + h / 6.0 * (f[i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i])
+
+
+@njit(cache=True, error_model="numpy")
+def _transition(z0, zm, z1, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, size, phi, work):
+    """Transition matrix of the variational equations of the first ``size`` states over a step, into phi."""
+    j0, jm, j1, k1, k2, k3 = work[0], work[1], work[2], work[3], work[4], work[5]
+    f, d = np.empty(STATES), np.empty(13)
+    _rates(z0, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
+    _jacobian(z0, s, d, j0)
+    _rates(zm, theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, f, d)
+    _jacobian(zm, s, d, jm)
+    _rates(z1, theta + h * omega, time + h, regime, impacts, s, tables, axes, active, wave, f, d)
+    _jacobian(z1, s, d, j1)
+    _multiply(jm, j0, size, k1)
+    for i in range(size):
+        for k in range(size):
+            k1[i, k] = jm[i, k] + 0.5 * h * k1[i, k]
+    _multiply(jm, k1, size, k2)
+    for i in range(size):
+        for k in range(size):
+            k2[i, k] = jm[i, k] + 0.5 * h * k2[i, k]
+    _multiply(j1, k2, size, k3)
+    for i in range(size):
+        for k in range(size):
+            k3[i, k] = j1[i, k] + h * k3[i, k]
+            phi[i, k] = h / 6.0 * (j0[i, k] + 2.0 * k1[i, k] + 2.0 * k2[i, k] + k3[i, k])
+        phi[i, i] += 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle):
+    """Length of the step that ends at the switch, by bisection and regula falsi; ahead holds the state there."""
+    low, high = 0.0, h
+    for turn in range(60):
+        part = 0.5 * (low + high)
+        if turn % 3 != 2:
+            # the switch function is nearly straight over a step
+            if regime == FLIGHT or ahead[W] < 0.0:
+                before, after = z[W], ahead[W]
+            else:
+                before, after = z[V2] - z[UD], ahead[V2] - ahead[UD]
+            if turn == 0 and before != after and before * after < 0.0:
+                part = h * before / (before - after)
+        _step(z, f, theta, time, omega, part, regime, impacts, s, tables, axes, active, wave, work, ahead, middle)
+        if _crossed(ahead, regime):
+            high = part
+        else:
+            low = part
+        if high - low < 1e-13:
+            break
+    _step(z, f, theta, time, omega, high, regime, impacts, s, tables, axes, active, wave, work, ahead, middle)
+    return high
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(sens, states, force, force_next, h, size, phi, row):
+    """Carry the sensitivities sens (states + columns, 7) over a step, forcings by the trapezoidal rule."""
+    for j in range(sens.shape[0]):
+        own = sens[j]
+        if j < states:
+            for i in range(size):
+                row[i] = own[i]
+        else:
+            for i in range(size):
+                row[i] = own[i] + 0.5 * h * force[j - states, i]
+        for i in range(size):
+            total = 0.0
+            for k in range(size):
+                total += phi[i, k] * row[k]
+            own[i] = total
+        if j >= states:
+            for i in range(size):
+                own[i] += 0.5 * h * force_next[j - states, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _saltate(z, theta, time, before, after, impacts, s, tables, axes, active, wave, sens, d):
+    """Jump of the sensitivities where the regime changes at the state z."""
+    f0, f1 = np.empty(STATES), np.empty(STATES)
+    _rates(z, theta, time, before, impacts, s, tables, axes, active, wave, f0, d)
+    _rates(z, theta, time, after, impacts, s, tables, axes, active, wave, f1, d)
+    normal = before == FLIGHT or after == FLIGHT
+    speed = f0[W] if normal else f0[V2] - f0[UD]
+    if abs(speed) < 1e-12:
+        return
+    for j in range(sens.shape[0]):
+        off = sens[j, W] if normal else sens[j, V2] - sens[j, UD]
+        share = off / speed
+        for i in range(STATES):
+            sens[j, i] += (f1[i] - f0[i]) * share
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, axes, active, wanted, wave, columns,
+        states, size, path, said, by_state, by_column, ends, ends_by_state, ends_by_column):  # fmt: skip
+    """Simulate every window, with the sensitivities asked for.
+
+    Args:
+        starts: (windows + 1,) samples.
+        begin: (windows, 7) states at the beginning of each.
+        chained: Whether all but speed and distance of the indenter go on from the window before; ``begin`` then says
+            at the end what they began with.
+        rate, parts: Samples a second, and steps of the integrator from one to the next.
+        omega, phase: rad/s of the excitation, rad at sample 0.
+        impacts: Before sample 0, on this face of the rock.
+        s, tables, axes, active, wanted, wave: The model; ``active`` (PLACES,) whose tables are not zero, ``wanted``
+            those by which it is differentiated.
+        columns, states: By what, and by how many of the states in their order.
+        size: How many of the states take part: 4, or all where there is a mount or air.
+        path: (7, n) for the states at the samples, or (7, 0).
+        said: (2, n) force and acceleration, written from the first start to the last.
+        by_state, by_column: (2, states, n) and (2, columns, n), their derivatives by the states at the beginning of the
+            same window, and by columns.
+        ends, ends_by_state, ends_by_column: (windows, 7), (windows, states, 7), (windows, columns, 7).
+
+    Returns:
+        Impacts at the end, negative where a motion left all bounds.
+    """
+    count = columns.kind.size
+    z, ahead, middle, f, f1 = np.empty(7), np.empty(7), np.empty(7), np.empty(7), np.empty(7)
+    work, jac, phi, d = np.empty((6, 13)), np.empty((6, 7, 7)), np.empty((7, 7)), np.empty(13)
+    row = np.empty(7)
+    sens = np.zeros((states + count, 7))
+    scalar, scalar_rock = np.zeros((SCALARS, 7)), np.zeros(SCALARS)
+    curve, curve_rock, at = np.zeros((PLACES, 7)), np.zeros(PLACES), np.zeros(PLACES)
+    store = (scalar, scalar_rock, curve, curve_rock, at, f1, d)
+    force, force_rock = np.zeros((count, 7)), np.zeros(count)
+    force_next, force_rock_next = np.zeros((count, 7)), np.zeros(count)
+    h = 1.0 / (rate * parts)
+    # the rock's stiffness goes by the impacts before a contact, and does not change within it
+    made = impacts
+    for window in range(starts.size - 1):
+        for i in range(STATES):
+            if chained and window > 0 and i != V2 and i != W:
+                begin[window, i] = z[i]
+            z[i] = begin[window, i]
+        regime = FLIGHT if z[W] < 0.0 else ON_LOADING if z[V2] - z[UD] >= 0.0 else ON_UNLOADING
+        sens[:] = 0.0
+        for i in range(states):
+            sens[i, i] = 1.0
+        if count > 0:
+            theta = phase + omega * starts[window] / rate
+            _fill(columns, z, theta, starts[window] / rate, regime, impacts, s, tables, axes, active, wanted, wave,
+                  store, force, force_rock)  # fmt: skip
+        for n in range(starts[window], starts[window + 1]):
+            time = n / rate
+            theta = phase + omega * time
+            rock = _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
+            said[0, n], said[1, n] = rock, f[V2]
+            if path.shape[1] > 0:
+                for i in range(STATES):
+                    path[i, n] = z[i]
+            if states + count > 0:
+                row_v, row_u = -(d[3] + d[5] + d[1]) / s[M2], d[1] / s[M2]
+                for j in range(states + count):
+                    by_rock = d[0] * sens[j, W] + d[1] * (sens[j, V2] - sens[j, UD])
+                    by_speed = (d[2] * sens[j, Y] + d[3] * sens[j, V1] - d[0] * sens[j, W]) / s[M2]
+                    by_speed += row_v * sens[j, V2] + row_u * sens[j, UD]
+                    if j < states:
+                        by_state[0, j, n], by_state[1, j, n] = by_rock, by_speed
+                    else:
+                        by_column[0, j - states, n], by_column[1, j - states, n] = by_rock, by_speed
+                for j in range(count):
+                    by_column[0, j, n] += force_rock[j]
+                    by_column[1, j, n] += force[j, V2]
+            for part in range(parts):
+                t0 = time + part * h
+                left = h
+                for _ in range(MOST_PARTS):
+                    angle = phase + omega * t0
+                    _rates(z, angle, t0, regime, impacts, s, tables, axes, active, wave, f, d)
+                    fastest = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2])
+                    taken = min(left, max(STIFF / max(fastest, 1e-9), h / FINEST_PART))
+                    _step(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave, work, ahead,
+                          middle)  # fmt: skip
+                    switched = _crossed(ahead, regime)
+                    if switched:
+                        taken = _event(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave,
+                                       work, ahead, middle)  # fmt: skip
+                    if states + count > 0:
+                        _transition(z, middle, ahead, angle, t0, omega, taken, regime, impacts, s, tables, axes,
+                                    active, wave, size, phi, jac)  # fmt: skip
+                        if count > 0:
+                            _fill(columns, ahead, angle + omega * taken, t0 + taken, regime, impacts, s, tables, axes,
+                                  active, wanted, wave, store, force_next, force_rock_next)  # fmt: skip
+                        _advance(sens, states, force, force_next, taken, size, phi, row)
+                        force, force_next = force_next, force
+                        force_rock, force_rock_next = force_rock_next, force_rock
+                    for i in range(STATES):
+                        z[i] = ahead[i]
+                    t0 += taken
+                    left -= taken
+                    if switched:
+                        before = regime
+                        if before == FLIGHT:
+                            regime = ON_LOADING
+                            impacts = made
+                        elif z[W] <= 0.0:
+                            regime = FLIGHT
+                        elif before == ON_LOADING:
+                            regime = ON_UNLOADING
+                            made += 1.0
+                        else:
+                            regime = ON_LOADING
+                        if states + count > 0:
+                            _saltate(z, phase + omega * t0, t0, before, regime, impacts, s, tables, axes, active,
+                                     wave, sens, d)  # fmt: skip
+                        if regime == FLIGHT:
+                            z[W] = min(z[W], 0.0)
+                        elif before == FLIGHT:
+                            z[W] = max(z[W], 0.0)
+                        if count > 0:
+                            _fill(columns, z, phase + omega * t0, t0, regime, impacts, s, tables, axes, active, wanted,
+                                  wave, store, force, force_rock)  # fmt: skip
+                    if left <= 1e-15:
+                        break
+            if not abs(z[V2]) < 100.0:
+                return -1.0
+        for i in range(STATES):
+            ends[window, i] = z[i]
+            for j in range(states):
+                ends_by_state[window, j, i] = sens[j, i]
+            for j in range(count):
+                ends_by_column[window, j, i] = sens[states + j, i]
+    return made

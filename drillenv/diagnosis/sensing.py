@@ -1,0 +1,265 @@
+"""What sensors make of force and acceleration, as terms: free laws that are linear, and textbook equations.
+
+Signals are (..., 2, n), force in N and acceleration in m/s^2 along the axis before the last; every term is linear in
+them. What remembers starts settled on a signal's first sample, 0 in a window's own response; only the high-pass starts
+from rest, and says in ``add`` what it remembers of the time before. Terms of a model belong in the order of ``stage``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter, oaconvolve
+
+from drillenv.diagnosis.drill import Scene, Term, Unknown
+from drillenv.diagnosis.laws import Family
+from drillenv.diagnosis.solver import Floats
+from drillenv.dynamics.effects import REGISTRY
+from drillenv.rig import PUSH
+
+TWO_PI = 2.0 * math.pi
+CHANNELS = (("force", "N"), ("acceleration", "m/s^2"))
+FORCE, ACCELERATION = 0, 1
+NONE = 1e6  # Hz: here a resonance or a low-pass does nothing, as in the library
+LAGS, CORNERS = (-5e-5, 5e-5, 1.2e-4, 2.5e-4, 4.5e-4, 8e-4), (300.0, 800.0, 2000.0)
+"""Of a free response: s by which it shifts, and Hz at which its low-passes begin."""
+BROAD, NARROW = 0.06, 0.03  # damping ratios of its resonators where there are many, and of one alone
+OVERDAMPED = 0.6
+"""Damping ratio beyond which a resonance raises no frequency and is a low-pass."""
+CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
+
+
+@dataclass(frozen=True)
+class Sensor(Term):
+    """A term of what is read."""
+
+    stage: int = 0
+    """Sensors act in rising order of it, as the library's: the load cell takes the acceleration as it truly is."""
+    starts: tuple[dict[str, float], ...] = ()
+    """Values from which to fit it, where zero does not do."""
+
+    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+        """(2, n) what it adds whatever the motion, of which ``first`` is the first sample."""
+        return None
+
+    def pulses(self, values: Floats, rate: float, seconds: float = 0.1) -> tuple[int, Floats]:
+        """What is read of a 1 on one channel at a sample: that sample, and (2 true, 2 read, n)."""
+        middle = round(0.02 * rate)
+        true = np.zeros((2, 2, middle + round(seconds * rate)))
+        true[[0, 1], [0, 1], middle] = 1.0
+        return middle, self.sense(values, true, Scene("", 80.0, 0.45, 1.0, rate, False))
+
+    def reach(self, values: Floats, rate: float) -> tuple[int, int]:
+        """Samples by which it looks ahead, and that it remembers: beyond, a response is below 1e-3 of its largest."""
+        middle, read = self.pulses(values, rate)
+        above = np.abs(read) > 1e-3 * np.abs(read).max(axis=-1, keepdims=True)
+        at = np.flatnonzero(np.any(above, axis=(0, 1)))
+        return max(0, middle - int(at.min())), max(0, int(at.max()) - middle)
+
+    def tail(self, values: Floats, rate: float) -> int:
+        """Samples that it remembers."""
+        return self.reach(values, rate)[1]
+
+
+def response(term: Sensor, values: Floats, frequency: Floats, true: int = ACCELERATION, read: int = ACCELERATION,
+             rate: float = 102400.0, seconds: float = 0.1) -> np.ndarray:  # fmt: skip
+    """(m,) complex: what channel ``read`` has of ``true``, at frequencies (m,) in Hz; ``seconds`` are remembered."""
+    middle, pulses = term.pulses(values, rate, seconds)
+    turned = np.exp(-2j * math.pi * np.asarray(frequency) / rate)
+    return np.polynomial.polynomial.polyval(turned, pulses[true, read]) * turned**-middle
+
+
+def _filtered(x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False) -> Floats:
+    """(..., n) through a low-pass, or a resonator: what that lets pass below, or the band about its frequency."""
+    turn = TWO_PI * frequency
+    under = (1.0, turn) if ratio is None else (1.0, 2.0 * ratio * turn, turn**2)
+    made: Any = cont2discrete(((turn, 0.0) if band else under[-1:], under), 1.0 / rate, method="foh")
+    start = x[..., :1]
+    bent = x - start
+    # a signal that bends lies beyond the straight line between its samples, by a twelfth of its second difference
+    bent[..., 1:-1] -= (x[..., :-2] - 2.0 * x[..., 1:-1] + x[..., 2:]) / 12.0
+    passed = np.asarray(lfilter(np.atleast_1d(np.squeeze(made[0])), made[1], bent, axis=-1))
+    return passed if band else passed + start
+
+
+def _late(samples: float, half: int) -> tuple[Floats, int]:
+    """(2 half,) weights and their first place of a delay by any number of samples: a windowed sinc."""
+    first = math.floor(samples) - half + 1
+    part = np.arange(first, first + 2 * half) - samples
+    kernel = np.sinc(part) * np.i0(6.0 * np.sqrt(np.maximum(1.0 - (part / half) ** 2, 0.0)))
+    return kernel / kernel.sum(), first
+
+
+def _convolved(x: Floats, kernel: Floats, first: int) -> Floats:
+    """(..., n) weighted with a kernel whose first place is ``first``; beyond its ends a signal holds its value."""
+    n, start, ahead = x.shape[-1], x[..., :1], max(0, -first)
+    held = np.pad(x - start, [(0, 0)] * (x.ndim - 1) + [(max(0, first), ahead)], mode="edge")
+    late = np.asarray(oaconvolve(held, kernel.reshape((1,) * (x.ndim - 1) + (-1,)), axes=-1))
+    return late[..., ahead : ahead + n] + kernel.sum() * start
+
+
+@lru_cache(256)
+def _kernels(rings: tuple[float, ...], rate: float) -> tuple[Floats, int]:
+    """(coefficients, taps) what the parts of a free response add to a signal, and their first place."""
+    ahead, ratio = math.ceil(-min(LAGS) * rate) + 3, NARROW if len(rings) == 1 else BROAD
+    longest = max([0.007, *[10.0 / (ratio * TWO_PI * each) for each in rings]])
+    pulse = np.zeros(ahead + math.ceil(min(longest, 0.05) * rate))
+    pulse[ahead] = 1.0
+    found = [_convolved(pulse, *_late(lag * rate, 3)) - pulse for lag in LAGS]
+    found += [_filtered(pulse, rate, corner) - pulse for corner in CORNERS]
+    for each in rings:
+        # one alone comes once more in a row with itself, for the frequencies and dampings nearby
+        again = 2.0 * ratio * _filtered(pulse, rate, each, ratio, True)
+        for x in (pulse, again) if len(rings) == 1 else (pulse,):
+            parts = (_filtered(x, rate, each, ratio) - x, _filtered(x, rate, each, ratio, True))
+            found += [part * (each < 0.45 * rate) for part in parts]
+    return np.array(found), -ahead
+
+
+def _response(rings: tuple[float, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
+    kernels, first = _kernels(rings, rate)
+    more = _convolved(acceleration, values @ kernels, first) if np.any(values) else 0.0
+    return force, acceleration + more
+
+
+def _accelerometer(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
+    return force, acceleration if values[0] >= NONE else _filtered(acceleration, rate, *values)
+
+
+def _delay(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
+    pairs = zip((force, acceleration), (*values, 0.0), strict=False)
+    force, acceleration = (_convolved(x, *_late(by * rate, 8)) if by else x for x, by in pairs)
+    return force, acceleration
+
+
+def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
+    masses = zip(values[1:], CELL_CORNERS, strict=False)
+    behind = sum(mass * _filtered(acceleration, rate, corner) for mass, corner in masses if mass)
+    return force + values[0] * acceleration + behind, acceleration
+
+
+@dataclass(frozen=True)
+class Law(Sensor):
+    """A law of a few numbers: what is read of force and acceleration, (..., n) each, at a rate in Hz."""
+
+    law: Callable[[Floats, Floats, Floats, float], tuple[Floats, Floats]] = _inertia
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """By the law."""
+        return np.stack(self.law(values, signals[..., FORCE, :], signals[..., ACCELERATION, :], scene.rate), axis=-2)
+
+
+@dataclass(frozen=True)
+class HighPass(Sensor):
+    """Channels less first-order low-passes, which had settled on static force and no acceleration in a running rig."""
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """Subtract the low-passes, from rest."""
+        rested, read = np.concatenate([np.zeros_like(signals[..., :1]), signals], axis=-1), signals.copy()
+        for channel, corner in np.argwhere(values.reshape(2, -1)):
+            slow = _filtered(rested[..., channel, :], scene.rate, SLOW_CORNERS[corner])[..., 1:]
+            read[..., channel, :] -= values.reshape(2, -1)[channel, corner] * slow
+        return read
+
+    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+        """What is left of the mean before the first sample."""
+        left = np.exp(-TWO_PI * np.outer(SLOW_CORNERS, np.arange(n - first) / scene.rate))
+        added = np.zeros((2, n))
+        added[FORCE, first:] = -PUSH * scene.pressure * (values.reshape(2, -1)[FORCE] @ left)
+        return None if scene.fresh else added
+
+
+@dataclass(frozen=True)
+class Added(Sensor):
+    """A sine and a cosine of each order of a frequency in Hz, or a constant; by recording, channel, order."""
+
+    frequency: float = 0.0
+    orders: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+    """Recordings with values of their own; without any, all have the same."""
+
+    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+        """The recording's own; where there is one value more than the amplitudes, the first is the frequency."""
+        if self.names and scene.name not in self.names:
+            return None
+        places, waves = max(1, len(self.names)), max(1, 2 * len(self.orders))
+        frequency = values[0] if len(values) > 2 * places * waves else self.frequency
+        turned = TWO_PI * frequency * np.arange(n) / scene.rate
+        shapes = [wave(order * turned) for order in self.orders for wave in (np.sin, np.cos)] or [np.ones(n)]
+        sizes = values[-2 * places * waves :].reshape(places, 2, waves)
+        return sizes[self.names.index(scene.name) if self.names else 0] @ np.array(shapes)
+
+
+def _free(names: Sequence[str], width: float, unit: str = "1") -> tuple[Unknown, ...]:
+    return tuple(Unknown(name, 0.0, width, 30.0 * width, unit=unit) for name in names)
+
+
+def _own(effect: str, widths: dict[str, float], at: dict[str, float]) -> tuple[Unknown, ...]:
+    """Parameters of the library; what may come late may come early."""
+    its = [REGISTRY[effect].parameter(symbol) for symbol in widths]
+    lows = {each.symbol: -each.high if each.unit == "s" else each.low for each in its}
+    # a resonance that is damped so much that no frequency is raised is a low-pass
+    highs = {each.symbol: OVERDAMPED if each.symbol == "zeta_a" else each.high for each in its}
+    every = ((p.symbol, at[p.symbol], widths[p.symbol], math.inf, lows[p.symbol], highs[p.symbol], p.unit) for p in its)
+    return tuple(Unknown(*each) for each in every)
+
+
+def _resonators(count: int, rate: float) -> tuple[float, ...]:
+    return tuple(float(each) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.4 * rate)
+
+
+def free_response(rings: Sequence[float]) -> Law:
+    """Any response of an accelerometer that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
+    smooth = [f"lag {1e6 * lag:g} us" for lag in LAGS] + [f"low-pass {corner:g} Hz" for corner in CORNERS]
+    parts = ("below", "band", "below again", "band again")[: 4 if len(rings) == 1 else 2]
+    own = _free(smooth, 0.2) + _free([f"ring {each:.0f} Hz {part}" for each in rings for part in parts], 0.1)
+    return Law("accelerometer response", own, 1, law=partial(_response, tuple(rings)))
+
+
+def added(names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown) -> Added:
+    """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz."""
+    what, stage = (f"hum {frequency:g} Hz", 4) if orders else ("offset", 5)
+    waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
+    for name in names:
+        for (channel, unit), width in zip(CHANNELS, (3.0, 1.0), strict=True):
+            first += _free([f"{what}{wave} {channel} {name}" for wave in waves], width, unit)
+    return Added(what, first, stage, (), frequency, tuple(orders), tuple(names))
+
+
+def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
+    """The library's equations, named as its effects; of a hum the amplitudes are free in every recording."""
+    rings = tuple({"f_a": each, "zeta_a": NARROW} for each in _resonators(24, rate))
+    lags = tuple({"delay_f": 0.0, "delay_a": each} for each in (0.0, 1.5e-4, 3.5e-4, -1.5e-4))
+    table = (
+        ("load-cell-inertia", _inertia, {"m_c": 0.02}, ({"m_c": 0.0},)),
+        ("accelerometer-resonance", _accelerometer, {"f_a": 50.0, "zeta_a": 0.01}, rings),
+        ("accelerometer-lowpass", _accelerometer, {"f_b": 200.0}, ({"f_b": 1500.0}, {"f_b": 500.0})),
+        ("channel-delay", _delay, {"delay_f": 2e-5, "delay_a": 2e-5}, lags),
+    )
+    laws = [Law(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, law) for name, law, widths, at in table]
+    hums = [added(names, line, (1,), *_own("mains-hum", {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
+    zero = _own("sensor-offset", {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
+    return [*laws, *hums, Added("sensor-offset", zero, 5)]
+
+
+def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> list[Family]:
+    """Free laws at zero, of these recordings; ``rings`` adds responses with one resonator each, for weak damping."""
+    masses = ["m_c"] + [f"m_c {corner:g} Hz" for corner in CELL_CORNERS]
+    gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
+    found: dict[str, Sensor] = {
+        "accelerometer": free_response(_resonators(8, rate)),
+        "channel-delay": Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay),
+        "load-cell-inertia": Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia),
+        "sensor-offset": added(names),
+        **{f"mains-hum {line:g} Hz": added(names, line, (1, 2, 3)) for line in (50.0, 60.0)},
+        "sensor-highpass": HighPass("high-pass", _free(gains, 0.2), 3),
+    }
+    if rings:
+        found |= {f"accelerometer {each:.0f} Hz": free_response((each,)) for each in _resonators(24, rate)}
+    known = {"accelerometer": "accelerometer-resonance"}
+    return [Family(name, name.split()[0], (term,), known.get(name.split()[0], "")) for name, term in found.items()]

@@ -1,0 +1,226 @@
+"""Bounded Levenberg-Marquardt for problems in blocks: parameters that all share, and unknowns of each block.
+
+The negative log-likelihood is a sum over blocks (recordings) of functions of the shared parameters p and of the block's
+own unknowns x (the states at the beginning of its windows, what is doubtful about its labels). In each step the own
+unknowns are eliminated by the Schur complement, as in H. G. Bock, Numerical treatment of inverse problems in chemical
+reaction kinetics, Springer Series in Chemical Physics 18 (1981) 102-125. Damping is that of H. B. Nielsen, Damping
+parameter in Marquardt's method, IMM-REP-1999-05, DTU (1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+Floats = NDArray[np.float64]
+
+
+class Quadratic(NamedTuple):
+    """A block's negative log-likelihood near a point, by own unknowns x (m,) and shared parameters p (k,)."""
+
+    cost: float
+    by_own: Floats
+    """(m,) gradient."""
+    by_shared: Floats
+    """(k,)"""
+    own: Floats
+    """(m, m) Gauss-Newton Hessian."""
+    cross: Floats
+    """(m, k)"""
+    shared: Floats
+    """(k, k)"""
+    scale: Floats
+    """(m,) curvature by which the own unknowns are damped: that of the data alone. Damping by the continuity
+    constraints, which are stiff, would hold back all windows where they have to move together."""
+
+
+class Block(Protocol):
+    """What the solver asks of a recording."""
+
+    def cost(self, shared: Floats, own: Floats) -> float:
+        """Negative log-likelihood; infinite where there is none."""
+        ...
+
+    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
+        """The same, with derivatives."""
+        ...
+
+    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+        """Cost and own unknowns after their step, which the block may shorten; ``before`` is the cost before it."""
+        ...
+
+
+@dataclass(frozen=True)
+class Priors:
+    """What is believed of the shared parameters, and the box that they are in. Arrays have shape (k,)."""
+
+    centre: Floats
+    precision: Floats
+    """1 / standard deviation; 0 where nothing is believed."""
+    low: Floats
+    high: Floats
+    freedom: float = np.inf
+    """Degrees of freedom of Student's t, whose heavy tails let a wrong belief go; infinite for a normal prior."""
+    dispersion: float = 1.0
+    """By which the prior is made as much weightier as the data are over-dispersed: a model that leaves so many times
+    the noise must not bend what is known in the place of what is missing."""
+
+    def cost(self, shared: Floats) -> float:
+        """Negative logarithm of the density, 0 at the centre."""
+        off = (shared - self.centre) * self.precision
+        if np.isinf(self.freedom):
+            return 0.5 * self.dispersion * float(off @ off)
+        tails = float(np.log1p(off**2 / self.freedom).sum())
+        return 0.5 * self.dispersion * (self.freedom + 1.0) * tails
+
+    def weights(self, shared: Floats) -> Floats:
+        """(k,) of the squared distances from the centre that have the prior's gradient there."""
+        if np.isinf(self.freedom):
+            return self.dispersion * self.precision**2
+        off = (shared - self.centre) * self.precision
+        return self.dispersion * self.precision**2 * (self.freedom + 1.0) / (self.freedom + off**2)
+
+
+@dataclass
+class Fit:
+    """Where a fit came to."""
+
+    shared: Floats
+    own: list[Floats]
+    cost: float
+    """Negative log-likelihood with the priors."""
+    parts: list[Quadratic]
+    """Of each block, at the end."""
+    hessian: Floats
+    """(k, k) of the shared parameters, own unknowns eliminated, priors included."""
+    converged: bool
+    steps: int
+
+    @property
+    def covariance(self) -> Floats:
+        """(k, k) of the shared parameters."""
+        return np.asarray(np.linalg.pinv(self.hessian, hermitian=True), dtype=float)
+
+
+class Limits(NamedTuple):
+    """When a fit ends."""
+
+    steps: int = 30
+    tolerance: float = 0.05
+    """Gain of a step, in log-likelihood, below which it has converged."""
+    relative: float = 0.0
+    """The same, as a share of what is left beyond the noise."""
+
+
+def factor(part: Quadratic, damping: float) -> tuple:
+    """Cholesky factor of a block's Hessian with damping on its diagonal."""
+    floor = 1e-12 * max(float(np.diag(part.own).max(initial=0.0)), 1e-300)
+    return cho_factor(part.own + np.diag(damping * part.scale + floor), lower=True, check_finite=False)
+
+
+def eliminated(part: Quadratic, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Gradient (k,) and Hessian (k, k) by the shared parameters with the own ones at their best, and what gives those.
+
+    The own unknowns move by ``-constant - slope @ step`` for a step of the shared ones.
+    """
+    if part.by_own.size == 0:
+        return part.by_shared, part.shared, np.zeros(0), np.zeros((0, part.by_shared.size))
+    solved = cho_solve(factor(part, damping), np.column_stack([part.by_own, part.cross]), check_finite=False)
+    constant, slope = solved[:, 0], solved[:, 1:]
+    return part.by_shared - part.cross.T @ constant, part.shared - part.cross.T @ slope, constant, slope
+
+
+def minimise(
+    blocks: Sequence[Block],
+    shared: Floats,
+    own: Sequence[Floats],
+    priors: Priors,
+    limits: Limits | None = None,
+    pool: Executor | None = None,
+    samples: int = 0,
+) -> Fit:
+    """Minimise the sum of the blocks' costs and the prior's.
+
+    Args:
+        blocks: At least one.
+        shared: (k,) where to begin.
+        own: For each block where its own unknowns begin.
+        priors: Of the shared parameters.
+        limits: When to end.
+        pool: Where blocks are evaluated side by side.
+        samples: Residuals in all blocks, by which over-dispersion is told and the priors are weighed; 0 for not at all.
+    """
+    limits = limits or Limits()
+    each: Callable = map if pool is None else pool.map
+    shared, own = np.clip(shared, priors.low, priors.high), list(own)
+    costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
+    damping, growth, converged, steps = 1e-3, 2.0, False, 0
+    parts: list[Quadratic] = []
+    while steps < limits.steps:
+        if not parts:
+            parts = _quadratics(blocks, shared, own, each)
+            if samples:
+                priors = replace(priors, dispersion=max(1.0, 2.0 * sum(costs) / samples))
+        try:
+            step, moves, promised = _step(parts, shared, priors, damping)
+        except LinAlgError:
+            damping *= 10.0
+            steps += 1
+            continue
+        little = max(limits.tolerance, limits.relative * (sum(costs) - 0.5 * samples))
+        if promised < little and damping < 1.0:
+            converged = True
+            break
+        point = np.clip(shared + step, priors.low, priors.high)
+        tried = _advanced(blocks, point, own, moves, costs, each)
+        gain = sum(costs) + priors.cost(shared) - sum(cost for cost, _ in tried) - priors.cost(point)
+        steps += 1
+        if np.isfinite(gain) and gain > 0.0:
+            shared, own, costs, parts = point, [x for _, x in tried], [cost for cost, _ in tried], []
+            damping *= max(0.1, 1.0 - (2.0 * gain / max(promised, 1e-12) - 1.0) ** 3)
+            damping, growth = max(damping, 1e-9), 2.0
+            if gain < little and damping < 1.0:
+                converged = True
+                break
+        else:
+            damping, growth = damping * growth, 2.0 * growth
+            if damping > 1e8:
+                break
+    if not parts:
+        parts = _quadratics(blocks, shared, own, each)
+    hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.precision**2))
+    return Fit(shared, own, sum(costs) + priors.cost(shared), parts, hessian, converged, steps)
+
+
+def _quadratics(blocks: Sequence[Block], shared: Floats, own: Sequence[Floats], each: Callable) -> list[Quadratic]:
+    return list(each(lambda block, x: block.quadratic(shared, x), blocks, own))
+
+
+def _advanced(blocks: Sequence[Block], point: Floats, own, moves, costs, each: Callable) -> list[tuple[float, Floats]]:
+    return list(each(lambda block, *given: block.advance(point, *given), blocks, own, moves, costs))
+
+
+def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: float):
+    """Damped Gauss-Newton step of the shared parameters, those of each block, and the gain that they promise."""
+    reduced = [eliminated(part, damping) for part in parts]
+    weights = priors.weights(shared)
+    gradient = sum((each[0] for each in reduced), weights * (shared - priors.centre))
+    hessian = sum((each[1] for each in reduced), np.diag(weights))
+    full = np.diag(hessian).copy()
+    free = ~(((shared <= priors.low) & (gradient > 0.0)) | ((shared >= priors.high) & (gradient < 0.0)))
+    free &= full > 0.0
+    step = np.zeros_like(shared)
+    if free.any():
+        inside = hessian[np.ix_(free, free)] + np.diag((damping + 1e-10) * full[free])
+        step[free] = -np.linalg.solve(inside, gradient[free])
+        step = np.clip(shared + step, priors.low, priors.high) - shared
+    moves = [-(constant + slope @ step) for _, _, constant, slope in reduced]
+    promised = -float(gradient @ step + 0.5 * step @ hessian @ step)
+    promised += sum(0.5 * float(each[2] @ part.by_own) for each, part in zip(reduced, parts, strict=True))
+    return step, moves, promised

@@ -1,0 +1,232 @@
+"""From a campaign to its verdict: fit, select, name, and hold against recordings that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from drillenv.checks import InputError
+from drillenv.diagnosis import predict
+from drillenv.diagnosis.condition import Conditioned, condition
+from drillenv.diagnosis.constants import NAMES, constants, logger
+from drillenv.diagnosis.drill import Hypothesis, Recorded, no_columns
+from drillenv.diagnosis.fitting import (
+    CLOSE,
+    WEIGHTS,
+    Fitted,
+    Noise,
+    axes_at,
+    first_states,
+    fit_to,
+    noise_left,
+    noise_of,
+    resized,
+)
+from drillenv.diagnosis.naming import Named
+from drillenv.diagnosis.predict import GRID, PLACES, Axes
+from drillenv.diagnosis.selection import Score, Step, forward
+from drillenv.diagnosis.sensing import Added
+from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.recordings import Campaign
+from drillenv.rig import Rig
+
+Verdict = Literal["agrees", "parameters", "missing-physics", "unexplained"]
+SEVERAL = 3.5
+"""Stated standard deviations from which a constant is wrong: labs misjudge theirs by a half."""
+LEFT = 0.03
+"""Over-dispersion, as a share of the noise's power, up to which nothing is left to explain."""
+LEFT_OF_ALL = 0.05
+"""The same as a share of what the paper's model leaves beyond the noise: what a law of 5 % error in places leaves."""
+CORES = 2
+
+
+class Settled(NamedTuple):
+    """A recording with a model's prediction of it."""
+
+    block: Recorded
+    own: Floats
+    shared: Floats
+
+
+@dataclass
+class Outcome:
+    """All that a report is made of."""
+
+    verdict: Verdict
+    fit_data: list[Conditioned]
+    held_data: list[Conditioned]
+    plain: Fitted
+    final: Fitted
+    steps: list[Step]
+    named: list[Named]
+    scores: list[Score]
+    held: tuple[float, float] | None
+    """Reduced chi-square on recordings left out, before and after."""
+    held_fits: tuple[list[Settled], list[Settled]]
+    """Blocks with their own unknowns, before and after."""
+
+
+def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
+    """Explain a campaign of the drilling rig.
+
+    Raises:
+        InputError: it holds too little that can be used, or lacks a constant.
+    """
+    say = note or (lambda _text: None)
+    for name in NAMES:
+        entry = campaign.nominal.get(name)
+        if entry is None or entry.value is None or entry.std is None:
+            raise InputError(f"nominal lacks {name}: give its value and standard deviation, which the model needs")
+    data = [condition(each, nominal_rig(campaign)) for each in campaign.recordings]
+    held = held_out(data)
+    fit_data = [each for i, each in enumerate(data) if i not in held]
+    held_data = [each for i, each in enumerate(data) if i in held]
+    with ThreadPoolExecutor(CORES) as pool:
+        say("fitting the paper's model")
+        plain = plain_fit(campaign, fit_data, pool)
+        say(f"reduced chi-square {plain.per_freedom:.3f}")
+        final, steps, scores = forward(fit_data, plain, pool, say)
+        named = [step.named for step in steps]
+        final = polished(fit_data, final, pool)
+        before = evaluated(held_data, plain, final, pool)
+        after = evaluated(held_data, final, final, pool)
+    chi = (chi_square(before), chi_square(after)) if held_data else None
+    verdict = decided(plain, final, steps, chi)
+    return Outcome(verdict, fit_data, held_data, plain, final, steps, named, scores, chi, (before, after))
+
+
+def nominal_rig(campaign: Campaign) -> Rig:
+    """The rig as the lab states it."""
+    return Rig(*(float(campaign.nominal[name].value or 0.0) for name in NAMES[:6]))
+
+
+def held_out(data: Sequence[Conditioned]) -> set[int]:
+    """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign."""
+    running = [i for i, each in enumerate(data) if not each.fresh]
+    count = len(data) // 4
+    if count == 0 or len(running) < count + 2:
+        return set()
+    return {running[round((j + 0.5) * len(running) / count - 0.5)] for j in range(count)}
+
+
+def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -> Fitted:
+    """The paper's model with its constants, and the noise as it shows by that."""
+    flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
+    hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat)
+    own = [first_states(each, float(campaign.nominal["damping"].value or 0.0)) for each in data]
+    found = fit_to(data, hypothesis, None, own, pool, WEIGHTS, Limits(10, 1.0, 0.05))
+    hypothesis = Hypothesis(hypothesis.terms, axes_at(found, pool))
+    noise = noise_left(found, pool) if found.per_freedom < CLOSE else found.noise
+    return fit_to(
+        data, hypothesis, found.fit.shared, found.fit.own, pool, (found.weight,), Limits(10, 0.5, 0.003), noise
+    )
+
+
+def polished(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
+    """The same to the end, with priors whose tails let a wrong constant go."""
+    noise = noise_left(fitted, pool) if fitted.per_freedom < CLOSE else fitted.noise
+    return fit_to(
+        data, fitted.hypothesis, fitted.fit.shared, fitted.fit.own, pool, (fitted.weight,), Limits(15, 0.1), noise, 4.0
+    )
+
+
+def evaluated(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> list[Settled]:
+    """Recordings that were left out by a fitted model: only their own unknowns are fitted.
+
+    Their noise is what ``best`` leaves of them, for both models alike.
+    """
+    noise = left_out_noise(data, best, pool)
+
+    def settle(each: Conditioned, level: Noise) -> Settled:
+        return settled_block(each, fitted, level)
+
+    return list(pool.map(settle, data, noise))
+
+
+def left_out_noise(data: Sequence[Conditioned], best: Fitted, pool: Executor) -> list[Noise]:
+    """Noise of recordings that were left out, as the best model's residuals show it."""
+
+    def level(each: Conditioned) -> Noise:
+        block, own, shared = settled_block(each, best, noise_of(each))
+        left = Fitted(block.hypothesis, [block], replace(best.fit, shared=shared, own=[own]), best.priors)
+        if 2.0 * block.cost(shared, own) / block.measured[:, block.judged].size > CLOSE:
+            return noise_of(each)
+        return noise_left(left, None)[0]
+
+    return list(pool.map(level, data))
+
+
+def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
+    """A recording's block with its own unknowns at their best; of a hum, whose phase no other recording tells, too."""
+    fitted, level = with_own_lines(fitted, level)
+    size = predict.STATES if any(term.remembers for term in fitted.hypothesis.terms) else 4
+    damping = float(fitted.values[NAMES.index("damping")])
+    own = resized(first_states(each, damping), len(each.starts) - 1, size, 4, 0)
+    shared = fitted.fit.shared
+    for weight in [one for one in WEIGHTS if one >= fitted.weight]:
+        block = Recorded(each, fitted.hypothesis, weight, level, size)
+        if weight != WEIGHTS[0]:
+            own = block.chained(shared, own)
+        else:
+            own = np.append(own[: block.windows * size + 2], np.zeros(len(block.lines)))
+        own = block.settled(shared, own, 12)
+        own = block.restarted(shared, own)
+        own = block.settled(shared, own, 6)
+    return Settled(block, own, shared)
+
+
+def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
+    """The same model with lines whose amplitudes are each recording's as lines of a recording that was left out."""
+    kept, start, more = [], [], []
+    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True):
+        if isinstance(term, Added) and term.names:
+            frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
+            more += [float(order * frequency) for order in term.orders] or [0.0]
+        else:
+            kept.append(term)
+            start.append(own / np.array([each.width for each in term.unknowns]))
+    if len(kept) == len(fitted.hypothesis.terms):
+        return fitted, level
+    hypothesis = Hypothesis(tuple(kept), fitted.hypothesis.axes)
+    first, second = (replace(each, lines=tuple(sorted({*each.lines, *more}))) for each in level)
+    fit = replace(fitted.fit, shared=np.concatenate(start))
+    return Fitted(hypothesis, fitted.blocks, fit, fitted.priors), (first, second)
+
+
+def chi_square(blocks: Sequence[Settled]) -> float:
+    """Reduced chi-square of the samples of recordings, their own unknowns counted."""
+    total, freedom = 0.0, 0
+    for block, own, shared in blocks:
+        raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own, no_columns(), 0)
+        residual = block.residual(shared * block.widths, raw.said, own)
+        total += float((residual**2).sum())
+        freedom += residual.size - own.size
+    return total / max(freedom, 1)
+
+
+def decided(plain: Fitted, final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None) -> Verdict:
+    """The verdict."""
+    left = final.per_freedom - 1.0
+    much = max(LEFT, LEFT_OF_ALL * (plain.per_freedom - 1.0))
+    if held is not None:
+        much_held = max(2.0 * LEFT, 2.0 * LEFT_OF_ALL * (held[0] - 1.0))
+        if held[1] - 1.0 > much_held:
+            return "unexplained"
+    if left > much:
+        return "unexplained"
+    if steps:
+        return "missing-physics"
+    return "parameters" if wrong_constants(final) else "agrees"
+
+
+def wrong_constants(final: Fitted) -> list[int]:
+    """Constants that are several of their tolerances off."""
+    found = []
+    for i, (unknown, value) in enumerate(zip(final.hypothesis.unknowns, final.values, strict=True)):
+        if i < len(NAMES) and abs(value - unknown.value) > SEVERAL * unknown.std:
+            found.append(i)
+    return found

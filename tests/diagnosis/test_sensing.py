@@ -1,0 +1,296 @@
+"""What sensors make of signals, against the library's own sensors on signals sampled many times as densely."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, lfilter_zi
+
+from drillenv.diagnosis.drill import Scene
+from drillenv.diagnosis.sensing import OVERDAMPED, Sensor, response, sensor_families, textbook_sensors
+from drillenv.dynamics.effects import REGISTRY, Channels, make
+from drillenv.dynamics.general import run_general
+from drillenv.dynamics.sensors import channels_of
+from drillenv.dynamics.sensors import read as library
+from drillenv.rig import PUSH, Rig, Setting
+from drillenv.rocks import ROCKS
+
+SETTINGS = (Setting(90.0, 0.45, 1.0), Setting(60.0, 0.5, 0.8))
+NAMES = ("r01", "r02")
+NOISE = np.array([5.0, 2.0])
+RATE = 25600.0
+
+
+@functools.cache
+def dense(rate, fine) -> tuple[Channels, ...]:
+    """True channels of 0.3 s of two rigs that had been running, ``fine`` times as dense as ``rate``."""
+    found = []
+    for setting in SETTINGS:
+        lead = run_general(Rig(), setting, ROCKS[4], 1.0, 0.0, 0.0, None, ())
+        run = run_general(Rig(), setting, ROCKS[4], 0.3, fine * rate, lead.end_phase, lead.end, ())
+        found.append(channels_of(run, setting, lead.end_phase))
+    return tuple(found)
+
+
+def pair(channels, fine=1):
+    return np.stack([channels.force, channels.acceleration])[:, ::fine]
+
+
+def scene(i, rate=RATE, fresh=False):
+    setting = SETTINGS[i]
+    return Scene(NAMES[i], setting.frequency, setting.amplitude, setting.pressure, rate, fresh)
+
+
+def families(**more) -> dict[str, Sensor]:
+    found = {each.name: each.terms[0] for each in sensor_families(NAMES, RATE, **more)}
+    return {name: term for name, term in found.items() if isinstance(term, Sensor)}
+
+
+def textbook(rate=RATE) -> dict[str, Sensor]:
+    return {each.name: each for each in textbook_sensors(NAMES, rate)}
+
+
+def at_start(term):
+    return np.array([each.value for each in term.unknowns])
+
+
+def read(term, values, signals, where):
+    added = term.add(values, where, signals.shape[-1])
+    sensed = term.sense(values, signals, where)
+    return sensed if added is None else sensed + added
+
+
+EVERY = [*families(rings=True).values(), *textbook().values()]
+GIVEN = {
+    "accelerometer-resonance": {"f_a": 4000.0, "zeta_a": 0.03},
+    "accelerometer-lowpass": {"f_b": 1200.0},
+    "load-cell-inertia": {"m_c": 0.1},
+    "channel-delay": {"delay_f": 7e-5, "delay_a": 1.7e-4},
+    "sensor-offset": {"o_f": 20.0, "o_a": -8.0},
+}
+
+
+@pytest.mark.parametrize("term", EVERY, ids=lambda term: f"{term.name} {len(term.unknowns)}")
+def test_reading_is_linear_and_none_of_what_is_padded_comes_early(term):
+    rng = np.random.default_rng(3)
+    values = at_start(term) + np.array([each.width for each in term.unknowns]) * rng.normal(size=len(term.unknowns))
+    one, two = rng.normal(size=(2, 3, 2, 700))
+    both = term.sense(values, 2.0 * one - two, scene(0))
+    apart = 2.0 * term.sense(values, one, scene(0)) - term.sense(values, two, scene(0))
+    np.testing.assert_allclose(both, apart, atol=1e-9 * np.abs(both).max())
+    each = np.stack([term.sense(values, row, scene(0)) for row in one])
+    np.testing.assert_allclose(term.sense(values, one, scene(0)), each, atol=1e-9 * np.abs(both).max())
+    padded = np.concatenate([np.zeros((2, 100)), one[0]], axis=-1)
+    early = term.sense(values, padded, scene(0))[:, : 100 - term.reach(values, RATE)[0] - 10]
+    assert np.abs(early).max() < 0.02 * np.abs(both).max()
+
+
+@pytest.mark.parametrize("term", families(rings=True).values(), ids=lambda term: f"{term.name} {len(term.unknowns)}")
+def test_free_laws_change_nothing_at_zero_and_then_do(term):
+    signals = pair(dense(RATE, 16)[0], 16)
+    values = at_start(term)
+    assert not values.any()
+    np.testing.assert_array_equal(read(term, values, signals, scene(0)), signals)
+    for i, each in enumerate(term.unknowns):
+        step = np.zeros(len(values))
+        step[i] = each.width
+        changed = np.abs(np.stack([read(term, step, signals, scene(k)) for k in (0, 1)]) - signals).max()
+        assert 1e-3 < changed < 1e3, each.name
+
+
+def test_a_library_sensor_at_its_neutral_value_changes_nothing():
+    signals = pair(dense(RATE, 16)[0], 16)
+    for name, values in (("accelerometer-resonance", [1e6, 0.02]), ("accelerometer-lowpass", [1e6])):
+        np.testing.assert_array_equal(textbook()[name].sense(np.array(values), signals, scene(0)), signals)
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_textbook_terms_read_what_the_library_reads(name):
+    rate, fine = 51200.0, 8
+    error = effect = 0.0
+    for i, true in enumerate(dense(rate, fine)):
+        measured = make(name, **GIVEN[name])
+        said = pair(library(true, [measured]), fine)
+        term = textbook(rate)[name]
+        got = read(term, np.array([GIVEN[name][each.name] for each in term.unknowns]), pair(true, fine), scene(i, rate))
+        judged = slice(1000, -20)
+        error = error + np.sum((got - said)[:, judged] ** 2, axis=-1)
+        effect = effect + np.sum((said - pair(true, fine))[:, judged] ** 2, axis=-1)
+    assert np.all(np.sqrt(error) <= 0.02 * np.sqrt(effect))
+
+
+@pytest.mark.parametrize(("f_a", "most"), [(2500.0, 0.02), (4800.0, 0.08), (7000.0, 0.2)])
+def test_rings_that_the_rate_hardly_resolves(f_a, most):
+    true = dense(RATE, 16)[0]
+    measured = make("accelerometer-resonance", f_a=f_a, zeta_a=0.03)
+    said = pair(library(true, [measured]), 16)[1, 800:]
+    got = textbook()["accelerometer-resonance"].sense(np.array([f_a, 0.03]), pair(true, 16), scene(0))[1, 800:]
+    assert np.std(got - said) < most * np.std(said - true.acceleration[::16][800:])
+
+
+def test_a_hum_has_its_frequency_and_an_amplitude_in_each_recording():
+    true = dense(RATE, 16)[1]
+    measured = make("mains-hum", f_m=49.97, b_f=10.0, psi_f=0.7, b_a=4.0, psi_a=-2.0)
+    said = pair(library(true, [measured]), 16)
+    term = textbook()["hum 50 Hz"]
+    assert [each.name for each in term.unknowns][:3] == [
+        "f_m",
+        "hum 50 Hz 1 sin force r01",
+        "hum 50 Hz 1 cos force r01",
+    ]
+    own = [10.0 * math.cos(0.7), 10.0 * math.sin(0.7), 4.0 * math.cos(-2.0), 4.0 * math.sin(-2.0)]
+    values = np.array([49.97, *[0.0] * 4, *own])
+    np.testing.assert_allclose(read(term, values, pair(true, 16), scene(1)), said, atol=1e-6)
+    np.testing.assert_array_equal(read(term, values, pair(true, 16), scene(0)), pair(true, 16))
+    assert term.add(values, scene(1)._replace(name="r09"), 10) is None
+
+
+def explained(term, change, rate=RATE, fine=16):
+    """Share of the sum of squares of changes, one (2, n) for each recording, that the free law's columns explain."""
+    columns, wanted = [], []
+    for i, true in enumerate(dense(rate, fine)):
+        signals, where = pair(true, fine), scene(i, rate)
+        rows = []
+        for j, each in enumerate(term.unknowns):
+            step = np.zeros(len(term.unknowns))
+            step[j] = 1e-3 * each.width
+            rows.append((read(term, step, signals, where) - signals) * 1e3 / NOISE[:, None])
+        judged = slice(round(0.02 * rate), -20)
+        columns.append(np.array(rows)[:, :, judged].reshape(len(rows), -1))
+        wanted.append((change[i] / NOISE[:, None])[:, judged].ravel())
+    a, y = np.concatenate(columns, axis=1).T, np.concatenate(wanted)
+    # the prior's standard deviation is 30 widths
+    padded = np.concatenate([y, np.zeros(a.shape[1])])
+    best = np.linalg.lstsq(np.vstack([a, np.eye(a.shape[1]) / 30.0]), padded, rcond=None)[0]
+    return 1.0 - np.sum((y - a @ best) ** 2) / np.sum(y**2)
+
+
+def change_by(name, fine=16, rate=RATE, **values):
+    measured = make(name, **values)
+    every = dense(rate, fine)
+    return [pair(library(true, [measured]), fine) - pair(true, fine) for true in every]
+
+
+@pytest.mark.parametrize(
+    ("family", "name", "values"),
+    [
+        *[("accelerometer", "accelerometer-lowpass", {"f_b": each}) for each in (400.0, 900.0, 4000.0)],
+        *[("accelerometer", "channel-delay", {"delay_a": each}) for each in (2e-5, 5e-5, 1.4e-4, 4e-4)],
+        *[
+            ("accelerometer", "accelerometer-resonance", {"f_a": each, "zeta_a": 0.08})
+            for each in (2500.0, 3700.0, 6600.0)
+        ],
+        ("channel-delay", "channel-delay", {"delay_f": 2e-5}),
+        ("channel-delay", "channel-delay", {"delay_f": 1e-4}),
+        ("load-cell-inertia", "load-cell-inertia", {"m_c": 0.2}),
+        ("sensor-offset", "sensor-offset", {"o_f": 20.0, "o_a": 10.0}),
+        ("mains-hum 50 Hz", "mains-hum", {"f_m": 50.05, "b_f": 10.0, "psi_f": 1.0, "b_a": 5.0, "psi_a": 2.0}),
+        ("mains-hum 60 Hz", "mains-hum", {"f_m": 60.0, "b_f": 10.0, "psi_f": 1.0, "b_a": 5.0, "psi_a": 2.0}),
+    ],
+)
+def test_free_laws_explain_the_library_at_once(family, name, values):
+    assert explained(families()[family], change_by(name, **values)) > 0.9
+
+
+@pytest.mark.parametrize("rate", [8000.0, 51200.0])
+def test_free_responses_do_so_at_other_rates(rate):
+    term = next(each for each in sensor_families(NAMES, rate)[0].terms)
+    assert isinstance(term, Sensor)
+    fine = round(400e3 / rate)
+    for name, values in (
+        ("accelerometer-lowpass", {"f_b": 1000.0}),
+        ("channel-delay", {"delay_a": 2e-4}),
+        ("accelerometer-resonance", {"f_a": 2600.0, "zeta_a": 0.08}),
+    ):
+        assert explained(term, change_by(name, fine, rate, **values), rate, fine) > 0.9
+
+
+@pytest.mark.parametrize("f_a", [2500.0, 3400.0, 5200.0, 7000.0])
+@pytest.mark.parametrize(("zeta_a", "least", "narrow"), [(0.01, 0.3, 0.65), (0.03, 0.7, 0.95), (0.05, 0.85, 0.95)])
+def test_weakly_damped_rings_are_explained_by_the_response_nearest_to_them(f_a, zeta_a, least, narrow):
+    change = change_by("accelerometer-resonance", f_a=f_a, zeta_a=zeta_a)
+    found = families(rings=True)
+    assert explained(found["accelerometer"], change) > least
+    near = sorted((name for name in found if name.endswith("Hz") and name.startswith("acc")),
+                  key=lambda name: abs(math.log(float(name.split()[1]) / f_a)))[:3]  # fmt: skip
+    assert max(explained(found[name], change) for name in near) > narrow
+
+
+@pytest.mark.parametrize("corner", [0.3, 0.7, 1.5])
+@pytest.mark.parametrize("channel", [0, 1])
+def test_ac_coupling_is_explained(channel, corner):
+    change = []
+    a = math.exp(-2.0 * math.pi * corner / RATE)
+    for i, true in enumerate(dense(RATE, 16)):
+        x = pair(true, 16)[channel]
+        mean = (PUSH * SETTINGS[i].pressure, 0.0)[channel]
+        slow = lfilter([1.0 - a], [1.0, -a], x, zi=lfilter_zi([1.0 - a], [1.0, -a]) * mean)[0]
+        both = np.zeros((2, x.size))
+        both[channel] = -slow
+        change.append(both)
+    assert explained(families()["sensor-highpass"], change) > 0.97
+
+
+def test_a_high_pass_had_settled_where_a_rig_was_running():
+    term = families()["sensor-highpass"]
+    gains = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    steady = np.zeros((2, 5000))
+    steady[0, 300:] = PUSH * SETTINGS[0].pressure
+    added = term.add(gains, scene(0), 5000, 300)
+    assert added is not None
+    left = term.sense(gains, steady, scene(0)) + added
+    np.testing.assert_allclose(left, 0.0, atol=0.01 * steady.max())
+    assert term.add(gains, scene(0, fresh=True), 5000, 300) is None
+
+
+def test_responses_are_those_of_the_equations():
+    f = np.array([50.0, 400.0, 1500.0, 3800.0, 6000.0])
+    ring = response(textbook()["accelerometer-resonance"], np.array([4000.0, 0.05]), f)
+    ratio = f / 4000.0
+    np.testing.assert_allclose(ring, 1.0 / (1.0 - ratio**2 + 0.1j * ratio), rtol=2e-3)
+    slow = response(textbook()["accelerometer-lowpass"], np.array([900.0]), f)
+    np.testing.assert_allclose(slow, 1.0 / (1.0 + 1j * f / 900.0), rtol=5e-3)
+    late = response(textbook()["channel-delay"], np.array([-3e-5, 2.2e-4]), f)
+    np.testing.assert_allclose(late, np.exp(-2j * math.pi * f * 2.2e-4), atol=1e-3)
+    early = response(textbook()["channel-delay"], np.array([-3e-5, 2.2e-4]), f, 0, 0)
+    np.testing.assert_allclose(early, np.exp(2j * math.pi * f * 3e-5), atol=1e-3)
+    mass = response(textbook()["load-cell-inertia"], np.array([0.2]), f, 1, 0)
+    np.testing.assert_allclose(mass, 0.2)
+    term = families()["accelerometer"]
+    values = np.random.default_rng(1).normal(0.0, 0.1, len(term.unknowns))
+    np.testing.assert_allclose(response(term, values, np.array([1e-3])), 1.0, atol=1e-3)
+    slowly = response(
+        families()["sensor-highpass"], np.array([0.0, 1.0, 0.0] * 2), np.array([1.0, 5.0]), 0, 0, 2e3, 8.0
+    )
+    np.testing.assert_allclose(slowly, 1.0 - 1.0 / (1.0 + 1j * np.array([1.0, 5.0])), rtol=0.01)
+
+
+def test_reach_is_as_long_as_a_response():
+    terms = textbook()
+    assert terms["load-cell-inertia"].reach(np.array([0.1]), RATE) == (0, 0)
+    front, tail = terms["accelerometer-lowpass"].reach(np.array([500.0]), RATE)
+    # largest at the pulse or next to it, then by exp(-2 pi 500 / rate) from sample to sample
+    assert front <= 1
+    assert tail == pytest.approx(RATE * math.log(1e3) / (2.0 * math.pi * 500.0), rel=0.1)
+    assert terms["accelerometer-lowpass"].tail(np.array([500.0]), RATE) == tail
+    front, tail = terms["channel-delay"].reach(np.array([-4e-4, 4e-4]), RATE)
+    assert 10 <= front <= 20
+    assert 10 <= tail <= 20
+    assert families()["accelerometer"].reach(np.zeros(len(families()["accelerometer"].unknowns)), RATE) == (0, 0)
+
+
+def test_parameters_are_those_of_the_library():
+    for name, term in textbook().items():
+        effect = "mains-hum" if name.startswith("hum") else name
+        symbols = {each.symbol: each for each in REGISTRY[effect].parameters}
+        assert term.stage == REGISTRY[effect].stage
+        for each in term.unknowns:
+            if each.name in symbols:
+                high = OVERDAMPED if each.name == "zeta_a" else symbols[each.name].high
+                assert (each.unit, each.high) == (symbols[each.name].unit, high)
+                assert each.low == (-each.high if effect == "channel-delay" else symbols[each.name].low)
+        assert all(set(start) == {each.name for each in term.unknowns} for start in term.starts)
+    assert {each.group for each in sensor_families(NAMES, RATE, True)} == {
+        "accelerometer", "channel-delay", "load-cell-inertia", "sensor-offset", "mains-hum", "sensor-highpass",
+    }  # fmt: skip
