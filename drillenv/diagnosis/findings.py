@@ -77,11 +77,11 @@ def finding(outcome: Outcome, step: Step) -> dict[str, Any]:
             "source": effect.source,
         },
     }
-    terms = (named.equation,) if named.equation is not None else step.family.terms
+    terms = step.terms
     if isinstance(terms[0], Added):
         entry["parameters"] = entry["parameters"] or mean_offset(final, terms[0])
     elif isinstance(terms[0], Sensor):
-        entry["law"] = measured_response(final, terms[0], named.mechanism)
+        entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
         entry["law"] = measured_law(final, step.family, terms, median_depth(outcome))
     return entry
@@ -170,9 +170,9 @@ def corrected(outcome: Outcome) -> Corrected:
 
 def tabulated(final: Fitted, step: Step) -> list[Chosen]:
     """The curves of a measured law as effects."""
-    model = law_of(final, step.family, final.blocks[0].scene)
+    model = law_of(final, step.terms, final.blocks[0].scene)
     made = []
-    for term in step.family.terms:
+    for term in step.terms:
         if not isinstance(term, Curve):
             continue
         x = final.hypothesis.axes.points(term.place)

@@ -21,6 +21,8 @@ WEIGHTS = (1e3, 1.0)
 """Continuation in the standard deviations of the continuity constraints: windows nearly free, then windows that go on
 from each other to within the integrator's error."""
 FULL = Limits()
+GRADUAL = (100.0, 10.0, 1.0)
+"""The same in smaller steps, where windows that are joined at once do not settle."""
 CLOSE = 1.5
 """Reduced chi-square from which a model is too far off for its windows to be joined further."""
 
@@ -183,7 +185,7 @@ def fit_to(
         if fit is not None and 2.0 * fit.cost / samples > CLOSE:
             break
         if fit is not None:
-            own = chained(blocks, fit.shared, own, pool)
+            own = chained(blocks, fit.shared, own, pool) if len(weights) < 3 else own
         blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
         samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
         fit = minimise(blocks, shared, own, priors, limits, pool, samples)

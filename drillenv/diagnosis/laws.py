@@ -162,11 +162,12 @@ def _unknown(parameter: Parameter, form: Form, i: int) -> Unknown:
     )
 
 
-def bsplines(count: int, degree: int = 3) -> Floats:
-    """(count, GRID) B-splines over a place's axis."""
-    inner = np.linspace(0.0, GRID - 1.0, count - degree + 1)
-    knots = np.concatenate([[0.0] * degree, inner, [GRID - 1.0] * degree])
-    return BSpline.design_matrix(np.arange(GRID).astype(float), knots, degree).toarray().T
+def bsplines(count: int, at: Floats | None = None, degree: int = 3) -> Floats:
+    """(count, GRID) B-splines over a place's axis, even in ``at`` (GRID,), which rises; in the axis where None."""
+    at = np.arange(GRID, dtype=float) if at is None else at
+    inner = np.linspace(at[0], at[-1], count - degree + 1)
+    knots = np.concatenate([[at[0]] * degree, inner, [at[-1]] * degree])
+    return BSpline.design_matrix(np.clip(at, at[0], at[-1]), knots, degree).toarray().T
 
 
 def odd(basis: Floats) -> Floats:
@@ -191,8 +192,8 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     into = v2[w > 0.0]
     fast = float(np.percentile(np.abs(into), 99.8))
     ranges: dict[int, tuple[float, float, float]] = {
-        predict.LOADING: (0.0, deep, deep / 4.0),
-        predict.UNLOADING: (0.0, deep, deep / 4.0),
+        predict.LOADING: (0.0, deep, deep / 200.0),
+        predict.UNLOADING: (0.0, deep, deep / 200.0),
         predict.RATE_FACTOR: (-fast, fast, fast / 8.0),
         predict.RATE_FORCE: (-fast, fast, fast / 8.0),
         predict.COMPACTION: (0.0, 150.0, 5.0),
@@ -256,8 +257,13 @@ class Family:
 def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[Family]:
     """Every family with a free law, at zero; ``detail`` times as many spline intervals."""
 
-    def splines(count: int) -> Floats:
-        return bsplines((count - 3) * detail + 3)
+    def splines(count: int, place: int | None = None) -> Floats:
+        at = None
+        if place is not None:
+            # the axis is finer near nothing than a free law needs to be
+            x = axes.points(place)
+            at = np.arcsinh(4.0 * x / x[-1])
+        return bsplines((count - 3) * detail + 3, at)
 
     knots = np.linspace(min(frequencies), max(frequencies), 3)
     decay = splines(5)[:4]
@@ -273,8 +279,8 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
             "contact-law",
             "contact-law",
             (
-                curve("loading", 0.05, predict.LOADING, splines(7), np.ones_like),
-                curve("unloading", 0.05, predict.UNLOADING, splines(7), np.ones_like),
+                curve("loading", 0.05, predict.LOADING, splines(7, predict.LOADING), np.ones_like),
+                curve("unloading", 0.05, predict.UNLOADING, splines(7, predict.UNLOADING), np.ones_like),
             ),
             "contact-power-law",
         ),

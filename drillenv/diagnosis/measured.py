@@ -106,6 +106,21 @@ def shown(family: Family, fitted: Fitted, depth: float) -> Shown:
     return Shown("frequency", "Hz", "1", x, lambda m: m.s[predict.F_A] + 0.0 * x)
 
 
+def indices_of(fitted: Fitted, terms: Sequence[Term]) -> list[int]:
+    """Places of the terms' parameters among all."""
+    found, first = {}, 0
+    for term in fitted.hypothesis.terms:
+        found[term.name] = list(range(first, first + len(term.unknowns)))
+        first += len(term.unknowns)
+    return [i for term in terms for i in found[term.name]]
+
+
+def band(fitted: Fitted, inside: Sequence[int], jacobian: Floats) -> Floats:
+    """Standard deviation of a curve with the derivatives (x, parameters) by parameters in the solver's units."""
+    covariance = fitted.fit.covariance[np.ix_(inside, inside)] * max(1.0, fitted.per_freedom)
+    return np.sqrt(np.maximum(np.einsum("xi,ij,xj->x", jacobian, covariance, jacobian), 0.0))
+
+
 def measured_law(fitted: Fitted, family: Family, terms: Sequence[Term], depth: float) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: x, y and a 95 % band."""
     display = shown(family, fitted, depth)
@@ -113,11 +128,7 @@ def measured_law(fitted: Fitted, family: Family, terms: Sequence[Term], depth: f
     unknowns = fitted.hypothesis.unknowns
     widths = np.array([each.width for each in unknowns])
     axes, scene = fitted.hypothesis.axes, fitted.blocks[0].scene
-    own_indices, first = [], 0
-    for term in fitted.hypothesis.terms:
-        if term.name in names:
-            own_indices += range(first, first + len(term.unknowns))
-        first += len(term.unknowns)
+    own_indices = indices_of(fitted, terms)
 
     def curve(shared: Floats) -> Floats:
         split = fitted.hypothesis.split(shared * widths)
@@ -139,16 +150,13 @@ def measured_law(fitted: Fitted, family: Family, terms: Sequence[Term], depth: f
 
     at = fitted.fit.shared
     y = curve(at)
-    covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
     slopes = []
     for i in own_indices:
         step = 1e-3
         ahead = at.copy()
         ahead[i] += step
         slopes.append((curve(ahead) - y) / step)
-    jacobian = np.array(slopes).T
-    covariance = covariance[np.ix_(own_indices, own_indices)]
-    spread = np.sqrt(np.maximum(np.einsum("xi,ij,xj->x", jacobian, covariance, jacobian), 0.0))
+    spread = band(fitted, own_indices, np.array(slopes).T)
     return {
         "argument": display.argument,
         "argument_unit": display.argument_unit,
@@ -160,37 +168,32 @@ def measured_law(fitted: Fitted, family: Family, terms: Sequence[Term], depth: f
     }
 
 
-def measured_response(fitted: Fitted, term: Sensor, mechanism: str) -> dict[str, Any]:
+def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:
     """What a sensor makes of a channel, as ``law`` of a report: gain less 1 or lag over frequency, or a force."""
     rate = min(each.data.rate for each in fitted.blocks)
     frequency = np.linspace(50.0, min(0.35 * rate, 4000.0), POINTS)
-    channels = (0, 0) if term.name in ("force lag",) else (1, 1)
+    channels = (0, 0) if terms[0].name == "force lag" else (1, 1)
     if mechanism == "load-cell-inertia":
         channels = (1, 0)
 
     def curve(values: Floats) -> Floats:
-        found = response(term, values, frequency, *channels)
+        found, first = np.ones(POINTS, dtype=complex), 0
+        for term in terms:
+            found = found * response(term, values[first : first + len(term.unknowns)], frequency, *channels)
+            first += len(term.unknowns)
         if mechanism == "channel-delay":
             return -np.unwrap(np.angle(found)) / (2.0 * np.pi * frequency)
-        if mechanism == "load-cell-inertia":
-            return np.real(found)
-        return np.abs(found) - 1.0
+        return np.real(found) if mechanism == "load-cell-inertia" else np.abs(found) - 1.0
 
-    first = 0
-    for each in fitted.hypothesis.terms:
-        if each.name == term.name:
-            break
-        first += len(each.unknowns)
-    inside = slice(first, first + len(term.unknowns))
+    inside = indices_of(fitted, terms)
     values = fitted.values[inside]
-    covariance = fitted.fit.covariance[inside, inside] * max(1.0, fitted.per_freedom)
+    unknowns = [each for term in terms for each in term.unknowns]
     y, slopes = curve(values), []
-    for i, unknown in enumerate(term.unknowns):
+    for i, unknown in enumerate(unknowns):
         ahead = values.copy()
         ahead[i] += 1e-3 * unknown.width
         slopes.append((curve(ahead) - y) / 1e-3)
-    jacobian = np.array(slopes).T
-    spread = np.sqrt(np.maximum(np.einsum("xi,ij,xj->x", jacobian, covariance, jacobian), 0.0))
+    spread = band(fitted, inside, np.array(slopes).T)
     law = {"argument": "frequency", "argument_unit": "Hz", "unit": "s" if mechanism == "channel-delay" else "1"}
     x = frequency
     if mechanism == "load-cell-inertia":

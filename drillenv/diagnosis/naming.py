@@ -42,6 +42,9 @@ class Named:
     nearest: list[tuple[Term, float]]
     """Equations that were tried, with how much worse they are, in log-likelihood."""
 
+    nearest_fit: tuple[Term, Floats] | None = None
+    """The nearest equation with its parameters."""
+
     @staticmethod
     def does_as_well(worse: float, gain: float, freedom: int) -> bool:
         """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one."""
@@ -72,9 +75,9 @@ def without(hypothesis: Hypothesis, terms: Sequence[Term]) -> Hypothesis:
     return Hypothesis(tuple(each for each in hypothesis.terms if each.name not in names), hypothesis.axes)
 
 
-def law_of(fitted: Fitted, family: Family, scene) -> Model:
-    """What a family adds to the model of a recording, the paper's constants aside."""
-    names = {each.name for each in family.terms}
+def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
+    """What some terms add to the model of a recording, the paper's constants aside."""
+    names = {each.name for each in terms}
     model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
     constants = fitted.hypothesis.terms[0]
     split = fitted.hypothesis.split(fitted.values)
@@ -88,7 +91,7 @@ def law_of(fitted: Fitted, family: Family, scene) -> Model:
 def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[Floats]:
     """Parameters with which an equation comes nearest to the free law, from each of its starts, the best first."""
     scenes = [each.scene for each in fitted.blocks]
-    found = [law_of(fitted, family, scene) for scene in scenes]
+    found = [law_of(fitted, family.terms, scene) for scene in scenes]
     axes = fitted.hypothesis.axes
     constants = fitted.hypothesis.terms[0]
     own = fitted.hypothesis.split(fitted.values)[0]
@@ -210,5 +213,5 @@ def name_law(
     if isinstance(best, Sensor) and family.group == "accelerometer":
         mechanism = kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate_of(fitted))
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
-        return Named(family, effect_of(best), best, nearest), found
-    return Named(family, mechanism, None, nearest), fitted
+        return Named(family, effect_of(best), best, nearest, (best, found.values_of(best.name))), found
+    return Named(family, mechanism, None, nearest, (best, found.values_of(best.name))), fitted

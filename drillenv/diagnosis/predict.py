@@ -309,10 +309,9 @@ def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, sc
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(columns, z, theta, time, regime, impacts, s, tables, axes, active, wanted, wave, store, force, force_rock):
+def _fill(columns, z, f, rock, d, theta, time, regime, impacts, s, axes, wanted, store, force, force_rock):
     """How each column changes the rates at the state z, into force (columns, 7), and the rock's force (columns,)."""
-    scalar, scalar_rock, curve, curve_rock, at, f, d = store
-    rock = _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
+    scalar, scalar_rock, curve, curve_rock, at = store
     _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, scalar_rock, curve, curve_rock, at)
     for j in range(columns.kind.size):
         kind = columns.kind[j]
@@ -363,15 +362,19 @@ def _multiply(a, b, size, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _step(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle):
-    """A step of the classical Runge-Kutta method from z (rates f) into ahead; ``middle`` is the state halfway."""
+def _step(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway):
+    """A step of the classical Runge-Kutta method from z (rates f) into ahead.
+
+    ``middle`` is the state halfway, and ``halfway`` what :func:`_rates` says of it.
+    """
     d = work[5]
     for i in range(STATES):
         work[4, i] = z[i] + 0.5 * h * f[i]
     _rates(work[4], theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, work[1], d)
     for i in range(STATES):
         middle[i] = z[i] + 0.5 * h * work[1, i]
-    _rates(middle, theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, work[2], d)
+    _rates(middle, theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, work[2],
+           halfway)  # fmt: skip
     for i in range(STATES):
         work[4, i] = z[i] + h * work[2, i]
     _rates(work[4], theta + h * omega, time + h, regime, impacts, s, tables, axes, active, wave, work[3], d)
@@ -380,16 +383,12 @@ def _step(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active,
 
 
 @njit(cache=True, error_model="numpy")
-def _transition(z0, zm, z1, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, size, phi, work):
-    """Transition matrix of the variational equations of the first ``size`` states over a step, into phi."""
+def _transition(h, size, phi, work):
+    """Transition matrix of the variational equations of the first ``size`` states over a step, into phi.
+
+    ``work`` (6, 7, 7) begins with the Jacobians at the beginning, halfway and at the end.
+    """
     j0, jm, j1, k1, k2, k3 = work[0], work[1], work[2], work[3], work[4], work[5]
-    f, d = np.empty(STATES), np.empty(13)
-    _rates(z0, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
-    _jacobian(z0, s, d, j0)
-    _rates(zm, theta + 0.5 * h * omega, time + 0.5 * h, regime, impacts, s, tables, axes, active, wave, f, d)
-    _jacobian(zm, s, d, jm)
-    _rates(z1, theta + h * omega, time + h, regime, impacts, s, tables, axes, active, wave, f, d)
-    _jacobian(z1, s, d, j1)
     _multiply(jm, j0, size, k1)
     for i in range(size):
         for k in range(size):
@@ -407,7 +406,7 @@ def _transition(z0, zm, z1, theta, time, omega, h, regime, impacts, s, tables, a
 
 
 @njit(cache=True, error_model="numpy")
-def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle):
+def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway):
     """Length of the step that ends at the switch, by bisection and regula falsi; ahead holds the state there."""
     low, high = 0.0, h
     for turn in range(60):
@@ -420,14 +419,15 @@ def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active
                 before, after = z[V2] - z[UD], ahead[V2] - ahead[UD]
             if turn == 0 and before != after and before * after < 0.0:
                 part = h * before / (before - after)
-        _step(z, f, theta, time, omega, part, regime, impacts, s, tables, axes, active, wave, work, ahead, middle)
+        _step(z, f, theta, time, omega, part, regime, impacts, s, tables, axes, active, wave, work, ahead, middle,
+              halfway)  # fmt: skip
         if _crossed(ahead, regime):
             high = part
         else:
             low = part
         if high - low < 1e-13:
             break
-    _step(z, f, theta, time, omega, high, regime, impacts, s, tables, axes, active, wave, work, ahead, middle)
+    _step(z, f, theta, time, omega, high, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway)
     return high
 
 
@@ -469,6 +469,21 @@ def _saltate(z, theta, time, before, after, impacts, s, tables, axes, active, wa
             sens[j, i] += (f1[i] - f0[i]) * share
 
 
+@njit(cache=True, error_model="numpy")
+def _read(sens, states, d, s, force, force_rock, n, by_state, by_column):
+    """Derivatives of the rock's force and of the indenter's acceleration at sample n."""
+    row_v, row_u = -(d[3] + d[5] + d[1]) / s[M2], d[1] / s[M2]
+    for j in range(sens.shape[0]):
+        by_rock = d[0] * sens[j, W] + d[1] * (sens[j, V2] - sens[j, UD])
+        by_speed = (d[2] * sens[j, Y] + d[3] * sens[j, V1] - d[0] * sens[j, W]) / s[M2]
+        by_speed += row_v * sens[j, V2] + row_u * sens[j, UD]
+        if j < states:
+            by_state[0, j, n], by_state[1, j, n] = by_rock, by_speed
+        else:
+            i = j - states
+            by_column[0, i, n], by_column[1, i, n] = by_rock + force_rock[i], by_speed + force[i, V2]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, axes, active, wanted, wave, columns,
         states, size, path, said, by_state, by_column, ends, ends_by_state, ends_by_column):  # fmt: skip
@@ -496,13 +511,14 @@ def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, a
         Impacts at the end, negative where a motion left all bounds.
     """
     count = columns.kind.size
+    sensitive = states + count > 0
     z, ahead, middle, f, f1 = np.empty(7), np.empty(7), np.empty(7), np.empty(7), np.empty(7)
-    work, jac, phi, d = np.empty((6, 13)), np.empty((6, 7, 7)), np.empty((7, 7)), np.empty(13)
-    row = np.empty(7)
+    work, jac, phi = np.empty((6, 13)), np.empty((6, 7, 7)), np.empty((7, 7))
+    d, d1, halfway, row = np.empty(13), np.empty(13), np.empty(13), np.empty(7)
     sens = np.zeros((states + count, 7))
     scalar, scalar_rock = np.zeros((SCALARS, 7)), np.zeros(SCALARS)
     curve, curve_rock, at = np.zeros((PLACES, 7)), np.zeros(PLACES), np.zeros(PLACES)
-    store = (scalar, scalar_rock, curve, curve_rock, at, f1, d)
+    store = (scalar, scalar_rock, curve, curve_rock, at)
     force, force_rock = np.zeros((count, 7)), np.zeros(count)
     force_next, force_rock_next = np.zeros((count, 7)), np.zeros(count)
     h = 1.0 / (rate * parts)
@@ -517,56 +533,47 @@ def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, a
         sens[:] = 0.0
         for i in range(states):
             sens[i, i] = 1.0
+        t0 = starts[window] / rate
+        theta = phase + omega * t0
+        rock = _rates(z, theta, t0, regime, impacts, s, tables, axes, active, wave, f, d)
         if count > 0:
-            theta = phase + omega * starts[window] / rate
-            _fill(columns, z, theta, starts[window] / rate, regime, impacts, s, tables, axes, active, wanted, wave,
-                  store, force, force_rock)  # fmt: skip
+            _fill(columns, z, f, rock, d, theta, t0, regime, impacts, s, axes, wanted, store, force, force_rock)
         for n in range(starts[window], starts[window + 1]):
-            time = n / rate
-            theta = phase + omega * time
-            rock = _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
             said[0, n], said[1, n] = rock, f[V2]
             if path.shape[1] > 0:
                 for i in range(STATES):
                     path[i, n] = z[i]
-            if states + count > 0:
-                row_v, row_u = -(d[3] + d[5] + d[1]) / s[M2], d[1] / s[M2]
-                for j in range(states + count):
-                    by_rock = d[0] * sens[j, W] + d[1] * (sens[j, V2] - sens[j, UD])
-                    by_speed = (d[2] * sens[j, Y] + d[3] * sens[j, V1] - d[0] * sens[j, W]) / s[M2]
-                    by_speed += row_v * sens[j, V2] + row_u * sens[j, UD]
-                    if j < states:
-                        by_state[0, j, n], by_state[1, j, n] = by_rock, by_speed
-                    else:
-                        by_column[0, j - states, n], by_column[1, j - states, n] = by_rock, by_speed
-                for j in range(count):
-                    by_column[0, j, n] += force_rock[j]
-                    by_column[1, j, n] += force[j, V2]
+            if sensitive:
+                _read(sens, states, d, s, force, force_rock, n, by_state, by_column)
             for part in range(parts):
-                t0 = time + part * h
+                t0 = n / rate + part * h
                 left = h
                 for _ in range(MOST_PARTS):
                     angle = phase + omega * t0
-                    _rates(z, angle, t0, regime, impacts, s, tables, axes, active, wave, f, d)
                     fastest = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2])
                     taken = min(left, max(STIFF / max(fastest, 1e-9), h / FINEST_PART))
                     _step(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave, work, ahead,
-                          middle)  # fmt: skip
+                          middle, halfway)  # fmt: skip
                     switched = _crossed(ahead, regime)
                     if switched:
                         taken = _event(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave,
-                                       work, ahead, middle)  # fmt: skip
-                    if states + count > 0:
-                        _transition(z, middle, ahead, angle, t0, omega, taken, regime, impacts, s, tables, axes,
-                                    active, wave, size, phi, jac)  # fmt: skip
+                                       work, ahead, middle, halfway)  # fmt: skip
+                    rock = _rates(ahead, angle + omega * taken, t0 + taken, regime, impacts, s, tables, axes, active,
+                                  wave, f1, d1)  # fmt: skip
+                    if sensitive:
+                        _jacobian(z, s, d, jac[0])
+                        _jacobian(middle, s, halfway, jac[1])
+                        _jacobian(ahead, s, d1, jac[2])
+                        _transition(taken, size, phi, jac)
                         if count > 0:
-                            _fill(columns, ahead, angle + omega * taken, t0 + taken, regime, impacts, s, tables, axes,
-                                  active, wanted, wave, store, force_next, force_rock_next)  # fmt: skip
+                            _fill(columns, ahead, f1, rock, d1, angle + omega * taken, t0 + taken, regime, impacts, s,
+                                  axes, wanted, store, force_next, force_rock_next)  # fmt: skip
                         _advance(sens, states, force, force_next, taken, size, phi, row)
                         force, force_next = force_next, force
                         force_rock, force_rock_next = force_rock_next, force_rock
-                    for i in range(STATES):
-                        z[i] = ahead[i]
+                    z, ahead = ahead, z
+                    f, f1 = f1, f
+                    d, d1 = d1, d
                     t0 += taken
                     left -= taken
                     if switched:
@@ -581,16 +588,17 @@ def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, a
                             made += 1.0
                         else:
                             regime = ON_LOADING
-                        if states + count > 0:
-                            _saltate(z, phase + omega * t0, t0, before, regime, impacts, s, tables, axes, active,
-                                     wave, sens, d)  # fmt: skip
+                        angle = phase + omega * t0
+                        if sensitive:
+                            _saltate(z, angle, t0, before, regime, impacts, s, tables, axes, active, wave, sens, d)
                         if regime == FLIGHT:
                             z[W] = min(z[W], 0.0)
                         elif before == FLIGHT:
                             z[W] = max(z[W], 0.0)
+                        rock = _rates(z, angle, t0, regime, impacts, s, tables, axes, active, wave, f, d)
                         if count > 0:
-                            _fill(columns, z, phase + omega * t0, t0, regime, impacts, s, tables, axes, active, wanted,
-                                  wave, store, force, force_rock)  # fmt: skip
+                            _fill(columns, z, f, rock, d, angle, t0, regime, impacts, s, axes, wanted, store, force,
+                                  force_rock)  # fmt: skip
                     if left <= 1e-15:
                         break
             if not abs(z[V2]) < 100.0:

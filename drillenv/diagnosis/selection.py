@@ -12,19 +12,25 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Hypothesis, Recorded, Term
-from drillenv.diagnosis.fitting import CLOSE, WEIGHTS, Fitted, chained, fit_to, kept_of, noise_left, resized
+from drillenv.diagnosis.fitting import CLOSE, GRADUAL, WEIGHTS, Fitted, chained, fit_to, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import Family, families, moved_to
-from drillenv.diagnosis.naming import LAW_ERROR, THOROUGH, Named, name_law
+from drillenv.diagnosis.naming import LAW_ERROR, THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
 
 FALSE_ALARMS = 0.002
 """Probability that a campaign where nothing is missing gives any family a gain that counts."""
-CANDIDATES = 4
+CANDIDATES = 3
 """Families that are fitted side by side at each step."""
-LONG = Limits(25, 0.5, 0.003)
-NEAR = 0.15
+MOST = 4
+"""Families, at most."""
+VISIBLE = 0.03
+"""Over-dispersion from which a law is looked at more closely."""
+SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(25, 0.5, 0.003)
+FAINT = 0.05
+"""The same for families with states of their own, whose gain at zero strength says little."""
+NEAR = 0.25
 """Share of the best score test's gain from which a family is a candidate."""
 
 
@@ -125,6 +131,8 @@ class Step:
     before: Fitted
     after: Fitted
     named: Named
+    terms: tuple[Term, ...]
+    """Those of its law in the fit."""
     rivals: list[tuple[Family, Fitted]]
 
 
@@ -143,71 +151,149 @@ def candidates(fitted: Fitted, detail: int = 1) -> list[Family]:
     return moving + reading
 
 
+Say = Callable[[str], object]
+
+
 def forward(
-    data: Sequence[Conditioned], fitted: Fitted, pool: Executor, say: Callable[[str], object] = lambda _: None,
-    most: int = 4,
-) -> tuple[Fitted, list[Step], list[Score]]:  # fmt: skip
-    """Add families as long as one is called for."""
+    data: Sequence[Conditioned], fitted: Fitted, pool: Executor, say: Say = lambda _: None
+) -> tuple[Fitted, list[Step], list[Score]]:
+    """Add families as long as one is called for, then leave out those that the others make needless."""
     steps: list[Step] = []
     explained = 0.0
     while True:
         tried = [each for each in candidates(fitted) if each.group not in {step.family.group for step in steps}]
         scores, level = score_tests(fitted, tried, pool)
         least = LAW_ERROR**2 * explained
-        called = [each for each in scores if each.p < level and each.gain > max(least, 0.0)]
         best = ", ".join(f"{each.family.name} {each.gain:.1f}" for each in scores[:4])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        if not called or len(steps) >= most:
-            return fitted, steps, scores
-        chosen: list[Score] = []
-        for each in called:
-            same = [other for other in chosen if other.family.group == each.family.group]
-            if each.gain >= NEAR * called[0].gain and len(same) < 2 and len(chosen) < CANDIDATES:
-                chosen.append(each)
-        fits = []
-        for each in chosen:
-            fits.append((each, with_family(fitted, each.family, data, pool, Limits(6, 0.5, 0.02))))
-            say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f} in {fits[-1][1].fit.steps}")
-        fits.sort(key=lambda pair: pair[1].cost)
-        best, found = fits[0]
-        for rank in range(min(2, len(fits))):
-            each, other = fits[rank]
-            if rank > 0 and other.cost > found.cost + 0.5 * (fitted.cost - found.cost):
-                break
-            hypothesis = other.hypothesis
-            again = fit_to(data, hypothesis, other.fit.shared, other.fit.own, pool, (other.weight,), LONG, fitted.noise)
-            say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
-            fits[rank] = (each, again)
-        fits.sort(key=lambda pair: pair[1].cost)
-        best, found = fits[0]
-        if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
-            return fitted, steps, scores
-        step = settled(data, fitted, best.family, found, best.freedom, pool, say)
-        step.rivals = [(each.family, other) for each, other in fits[1:]]
+        chosen = shortlist(scores, level, least, fitted.per_freedom > CLOSE)
+        step = None
+        if chosen and len(steps) < MOST:
+            step = best_step(data, fitted, chosen, level, pool, say)
+        if step is None:
+            return (*backward(data, fitted, steps, level, pool, say), scores)
         steps.append(step)
         explained = max(explained, step.gain)
         fitted = step.after
 
 
-def settled(data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say) -> Step:
+def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) -> list[Score]:
+    """The families to fit: those whose gain is no chance and near to the best, two of one mechanism at most.
+
+    What has states of its own resonates: its gain at zero strength says little of that at another. So the best of
+    each such mechanism is fitted too where the model is ``far`` off.
+    """
+    called = [each for each in scores if each.p < level and each.gain > least]
+    chosen: list[Score] = []
+    for each in called:
+        same = [other for other in chosen if other.family.group == each.family.group]
+        if each.gain >= NEAR * called[0].gain and len(same) < 2 and len(chosen) < CANDIDATES:
+            chosen.append(each)
+    for each in called:
+        resonant = far and each.family.remembers and each.gain > FAINT * called[0].gain
+        if resonant and all(each.family.group != other.family.group for other in chosen):
+            chosen.append(each)
+    return chosen
+
+
+def best_step(
+    data: Sequence[Conditioned], fitted: Fitted, chosen: Sequence[Score], level: float, pool: Executor, say: Say
+) -> Step | None:
+    """The family that explains most once fitted; None where that is no more than chance."""
+    fits: list[tuple[Score, Fitted]] = []
+    for each in chosen:
+        fits.append((each, with_family(fitted, each.family, data, pool, SHORT)))
+        say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
+    fits.sort(key=lambda pair: pair[1].cost)
+    for rank, (each, other) in enumerate(fits[:2]):
+        if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
+            break
+        start = other.fit.shared
+        again = fit_to(data, other.hypothesis, start, other.fit.own, pool, (other.weight,), LONG, fitted.noise)
+        say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
+        fits[rank] = (each, again)
+    fits.sort(key=lambda pair: pair[1].cost)
+    best, found = fits[0]
+    if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
+        return None
+    step = settled(data, fitted, best.family, found, best.freedom, pool, say)
+    step.rivals = [(each.family, other) for each, other in fits[1:]]
+    return step
+
+
+def settled(data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say: Say) -> Step:
     """A family that was chosen, with its windows joined, its noise seen anew, and the equation that its law follows."""
     further = tuple(each for each in WEIGHTS if each < found.weight)
     if found.per_freedom < CLOSE and further:
         begun = chained(found.blocks, found.fit.shared, found.fit.own, pool)
-        found = fit_to(data, found.hypothesis, found.fit.shared, begun, pool, further, THOROUGH, fitted.noise)
-        say(f"  joined: chi2 {found.per_freedom:.4f} weight {found.weight:g} in {found.fit.steps}")
+        joined = fit_to(data, found.hypothesis, found.fit.shared, begun, pool, further, THOROUGH, fitted.noise)
+        if joined.per_freedom > CLOSE:
+            # from windows that are nearly free in small steps
+            start = found.fit.shared
+            joined = fit_to(data, found.hypothesis, start, found.fit.own, pool, GRADUAL, THOROUGH, fitted.noise)
+        say(f"  joined: chi-square {joined.per_freedom:.4f}")
+        found = joined if joined.per_freedom < CLOSE else found
     gain = max(fitted.cost - found.cost, 1.0)
     named, other = name_law(data, found, family, gain, pool, say)
+    terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if named.equation is None or other.cost > found.cost:
         finer = refined(data, found, family, pool)
-        say(f"  refined: chi2 {finer.per_freedom:.4f} in {finer.fit.steps}")
         fewer = finer.fit.shared.size - other.fit.shared.size
-        if named.equation is not None and not named.does_as_well(other.cost - finer.cost, gain, fewer):
-            named.equation = None
-        if named.equation is None:
-            other = finer
+        if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer):
+            named.equation, other = None, finer
+            terms = tuple(each for each in finer.hypothesis.terms if each.name in {one.name for one in family.terms})
+    if named.nearest and other.per_freedom > 1.0 + VISIBLE:
+        both, joint = corrected_equation(data, named, fitted, other, family, pool)
+        if both.cost < other.cost - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
+            say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
+            named.equation, other, terms = None, both, joint
     if other.per_freedom < CLOSE:
-        other = fit_to(data, other.hypothesis, other.fit.shared, other.fit.own, pool, (other.weight,),
-                       Limits(10, 0.5, 0.003), noise_left(other, pool))  # fmt: skip
-    say(f"  {named.mechanism} {named.equation.name if named.equation else 'measured'}: chi2 {other.per_freedom:.4f}")
-    return Step(family, gain, freedom, fitted, other, named, [])
+        noise = noise_left(other, pool)
+        other = fit_to(data, other.hypothesis, other.fit.shared, other.fit.own, pool, (other.weight,), MIDDLING, noise)
+    form = named.equation.name if named.equation else "measured"
+    say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
+    return Step(family, gain, freedom, fitted, other, named, terms, [])
+
+
+def corrected_equation(
+    data, named: Named, fitted: Fitted, other: Fitted, family: Family, pool: Executor
+) -> tuple[Fitted, tuple[Term, ...]]:
+    """The nearest equation with a free law of the same family on top, which sharp corners leave less to do for."""
+    assert named.nearest_fit is not None
+    equation, start = named.nearest_fit
+    scaled = start / np.array([each.width for each in equation.unknowns])
+    hypothesis = Hypothesis((*fitted.hypothesis.terms, equation, *family.terms), fitted.hypothesis.axes)
+    zeros = np.array([each.value / each.width for each in family.unknowns])
+    kept = [
+        own / np.array([each.width for each in term.unknowns])
+        for term, own in zip(other.hypothesis.terms, other.hypothesis.split(other.values), strict=True)
+        if term in fitted.hypothesis.terms
+    ]
+    begun = np.concatenate([*kept, scaled, zeros])
+    both = fit_to(data, hypothesis, begun, other.fit.own, pool, (other.weight,), THOROUGH, other.noise)
+    return both, (equation, *family.terms)
+
+
+def backward(
+    data: Sequence[Conditioned], fitted: Fitted, steps: list[Step], level: float, pool: Executor, say: Say
+) -> tuple[Fitted, list[Step]]:
+    """Leave out families that, with all others there, gain no more than chance or than the others' laws are off."""
+    kept = list(steps)
+    least = LAW_ERROR**2 * max((each.gain for each in steps), default=0.0)
+    for step in sorted(steps, key=lambda each: each.gain):
+        if len(kept) < 2:
+            break
+        rest = without(fitted.hypothesis, step.terms)
+        begun = [
+            own / np.array([each.width for each in term.unknowns])
+            for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True)
+            if term in rest.terms
+        ]
+        other = fit_to(
+            data, rest, np.concatenate(begun), fitted.fit.own, pool, (fitted.weight,), THOROUGH, fitted.noise
+        )
+        if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least):
+            say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
+            kept.remove(step)
+            fitted = other
+    return fitted, kept

@@ -256,7 +256,7 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         "channel-delay": Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay),
         "load-cell-inertia": Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia),
         "sensor-offset": added(names),
-        **{f"mains-hum {line:g} Hz": added(names, line, (1, 2, 3)) for line in (50.0, 60.0)},
+        **{f"mains-hum {line:g} Hz": added(names, line, (1, 2)) for line in (50.0, 60.0)},
         "sensor-highpass": HighPass("high-pass", _free(gains, 0.2), 3),
     }
     if rings:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import linalg, signal, stats
+from scipy import signal, stats
 
 from drillenv.diagnosis.comb import off_comb
 from drillenv.diagnosis.noise import NoiseModel, _sections, estimate, find_lines, line_columns, quantum, whiten
@@ -146,7 +146,7 @@ def test_the_comb_is_the_least_squares_fit():
     k = k[k * tone < 0.499]
     phase = 2.0 * np.pi * tone * np.outer(np.arange(1000), k)
     columns = np.c_[np.ones(1000), np.cos(phase), np.sin(phase)]
-    rest = series - columns @ linalg.lstsq(columns, series)[0]
+    rest = series - columns @ np.linalg.lstsq(columns, series, rcond=None)[0]
     found = off_comb(series, tone, (1, 2, 3))
     assert found.tones == pytest.approx(k * tone)
     assert found.rest == pytest.approx(rest, abs=1e-5)

@@ -45,5 +45,8 @@ EFFECT = Effect(
     extras=(Extra("slide1", "way the shaker body slides: 1, -1, or 0 while it sticks", "1", 1.0),),
     term=_term,
     grips=ON_SHAKER,
-    forms=(Form("coulomb", ("fc1", "vs1"), ((30.0, 3e-4),), {"guide": _law}),),
+    forms=(
+        Form("coulomb", ("fc1",), ((20.0,), (60.0,)), {"guide": _law}),
+        Form("rounded", ("fc1", "vs1"), ((30.0, 3e-4),), {"guide": _law}),
+    ),
 )

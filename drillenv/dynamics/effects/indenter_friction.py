@@ -54,5 +54,8 @@ EFFECT = Effect(
     term=_term,
     corner=_corner,
     grips=ON_INDENTER,
-    forms=(Form("coulomb", ("fc2", "vs2"), ((30.0, 5e-3),), {"indenter": _law}),),
+    forms=(
+        Form("coulomb", ("fc2",), ((20.0,), (60.0,)), {"indenter": _law}),
+        Form("rounded", ("fc2", "vs2"), ((30.0, 5e-3),), {"indenter": _law}),
+    ),
 )

@@ -1,0 +1,175 @@
+"""The rig over windows: its motion against the concealed rig's, its sensitivities against differences."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.rig import Constants, Controls, Motion, Physics, move
+from drillenv.diagnosis import predict as P
+from drillenv.diagnosis.condition import condition
+from tests.diagnosis.truth import rig_of, rock_of
+
+CURVES = {
+    P.LOADING: 0.2, P.UNLOADING: 0.2, P.RATE_FACTOR: 0.1, P.RATE_FORCE: 40.0, P.COMPACTION: -0.2, P.SPRING: 15.0,
+    P.SPRING_FROM_REST: 15.0, P.DAMPER: 15.0, P.GUIDE: 15.0, P.INDENTER: 15.0, P.WAVEFORM: 0.1, P.DRIVE: 20.0,
+}  # fmt: skip
+"""A strength of each place's curve."""
+REACH = {
+    P.LOADING: 1e-4, P.UNLOADING: 1e-4, P.RATE_FACTOR: 0.4, P.RATE_FORCE: 0.4, P.COMPACTION: 100.0, P.SPRING: 5e-3,
+    P.SPRING_FROM_REST: 2e-3, P.DAMPER: 0.4, P.GUIDE: 5e-3, P.INDENTER: 0.4, P.WAVEFORM: 7.0, P.DRIVE: 600.0,
+}  # fmt: skip
+"""The largest argument at each place."""
+
+
+class Bench:
+    """One recording with next to no noise, and its true model."""
+
+    def __init__(self):
+        made = plain_campaign(np.random.default_rng(5), noise=(1e-6, 1e-4, 1e-4), recordings=2, seconds=0.2)
+        rig, rock, recording = rig_of(made), rock_of(made), made.campaign.recordings[0]
+        self.data = condition(recording, rig)
+        assert recording.setting is not None
+        self.s = np.zeros(P.SCALARS)
+        self.s[[P.M1, P.M2, P.K, P.C]] = rig.shaker_mass, rig.indenter_mass, rig.stiffness, rig.damping
+        self.s[P.F_A], self.s[P.F_B] = rig.drive_force(recording.setting), rig.static_force(recording.setting)
+        self.s[P.K_L] = rock.loading_stiffness
+        self.s[P.RATIO] = rock.unloading_stiffness / rock.loading_stiffness
+        self.axes = P.Axes(
+            np.array([10.0 * REACH[place] for place in range(P.PLACES)]),
+            np.arcsinh(np.full(P.PLACES, -0.1)),
+            np.full(P.PLACES, 2.0 * np.arcsinh(0.1) / (P.GRID - 1)),
+        )
+        force, v1, v2, w = self.data.states[:, :4].T
+        self.begin = np.zeros((len(self.data.starts) - 1, P.STATES))
+        self.begin[:, :4] = np.column_stack([force / rig.stiffness, v1, v2, w])
+
+    def run(self, s=None, tables=None, columns=None, states=0, begin=None, size=4):
+        """What the integrator says: force and acceleration, their derivatives, and the windows' ends with theirs."""
+        data = self.data
+        tables = np.zeros((P.PLACES, P.GRID)) if tables is None else tables
+        columns = self.columns() if columns is None else columns
+        n, count, windows = data.force.size, columns.kind.size, len(data.starts) - 1
+        wanted = np.zeros(P.PLACES, dtype=bool)
+        wanted[columns.place[columns.kind == P.CURVE]] = True
+        arrays = (np.zeros((2, n)), np.zeros((2, states, n)), np.zeros((2, count, n)), np.zeros((windows, 7)),
+                  np.zeros((windows, states, 7)), np.zeros((windows, count, 7)))  # fmt: skip
+        wave = P.Wave(np.zeros(3), np.zeros(3), np.zeros(3))
+        begin = (self.begin if begin is None else begin).copy()
+        end = P.run(data.starts, begin, False, data.rate, 1, data.omega, data.phase, 0.0, self.s if s is None else s,
+                    tables, self.axes, np.any(tables != 0.0, axis=1), wanted, wave, columns, states, size,
+                    np.zeros((7, 0)), *arrays)  # fmt: skip
+        return (end, *arrays)
+
+    @staticmethod
+    def columns(kinds=(), places=(), tables=()):
+        """Columns for scalars, and for curves of these shapes."""
+        kind = np.array([*kinds, *[P.CURVE] * len(places)], dtype=np.int64)
+        place = np.array([*[0] * len(kinds), *places], dtype=np.int64)
+        table = np.zeros((kind.size, P.GRID))
+        table[len(kinds) :] = np.array(tables).reshape(len(places), P.GRID)
+        return P.Columns(kind, place, np.zeros(kind.size), np.zeros(kind.size, dtype=np.int64), table)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench()
+
+
+def apart(bench, one, other):
+    """Median over windows of how far two signals are apart, over the second's size."""
+    starts = bench.data.starts
+    found = []
+    for first, last in pairwise(starts):
+        a, b = one[..., first:last], other[..., first:last]
+        if np.any(b):
+            found.append(float(np.linalg.norm(a - b) / np.linalg.norm(b)))
+    return float(np.median(found))
+
+
+def test_the_motion_is_that_of_the_concealed_rig(bench):
+    """From one state in flight on, over a tenth of a second of a rig that shares no code with this one."""
+    true, controls = Constants(), Controls(80.0, 0.45, 1.0)
+    motion = move(true, controls, Physics.none(), 0.15, 1.0 / 204800.0, 0.3, 1.2)
+    kept = Motion(*(each[::8] for each in motion))
+    first = int(np.flatnonzero(kept.regime[:640] == 0)[0])
+    starts = np.array([first, first + 2560])
+    begin = np.zeros((1, P.STATES))
+    v2 = kept.v2[first]
+    begin[0, :4] = kept.shortening[first], v2 + kept.closing[first], v2, kept.depth[first]
+    s = bench.s.copy()
+    s[[P.M1, P.M2, P.K, P.C]] = true.shaker_mass, true.indenter_mass, true.stiffness, true.damping
+    s[P.F_A] = (2.40 * controls.frequency + 876.19) * controls.amplitude
+    s[P.F_B] = 196.35 * controls.pressure
+    s[P.K_L], s[P.RATIO] = true.loading_stiffness, true.unloading_stiffness / true.loading_stiffness
+    said = np.zeros((2, kept.time.size))
+    none = bench.columns()
+    flat, off = np.zeros((P.PLACES, P.GRID)), np.zeros(P.PLACES, dtype=bool)
+    wave = P.Wave(np.zeros(3), np.zeros(3), np.zeros(3))
+    P.run(starts, begin, False, 25600.0, 1, 2.0 * np.pi * controls.frequency, 0.3, 0.0, s, flat, bench.axes, off, off,
+          wave, none, 0, 4, np.zeros((7, 0)), said, np.zeros((2, 0, 0)), np.zeros((2, 0, 0)), np.zeros((1, 7)),
+          np.zeros((1, 0, 7)), np.zeros((1, 0, 7)))  # fmt: skip
+    inside = slice(*starts)
+    for simulated, measured in zip(said, (kept.rock, kept.acceleration), strict=True):
+        assert np.max(np.abs(simulated[inside] - measured[inside])) < 1e-3 * np.max(np.abs(measured[inside]))
+
+
+@pytest.mark.parametrize("kind", [P.M1, P.M2, P.K, P.C, P.F_A, P.F_B, P.K_L, P.RATIO, P.PHASE])
+def test_derivatives_by_scalars(bench, kind):
+    _, _, _, by_column, *_ = bench.run(columns=bench.columns([kind]))
+    step = max(1e-6 * abs(bench.s[kind]), 1e-8)
+    ahead, behind = bench.s.copy(), bench.s.copy()
+    ahead[kind] += step
+    behind[kind] -= step
+    difference = (bench.run(s=ahead)[1] - bench.run(s=behind)[1]) / (2.0 * step)
+    assert apart(bench, by_column[:, 0], difference) < 0.01
+
+
+@pytest.mark.parametrize("state", [P.Y, P.V1, P.V2, P.W])
+def test_derivatives_by_states(bench, state):
+    _, _, by_state, _, _, by_end, _ = bench.run(states=4)
+    step = (1e-8, 1e-7, 1e-7, 1e-10)[state]
+    ahead, behind = bench.begin.copy(), bench.begin.copy()
+    ahead[:, state] += step
+    behind[:, state] -= step
+    one, two = bench.run(begin=ahead), bench.run(begin=behind)
+    assert apart(bench, by_state[:, state], (one[1] - two[1]) / (2.0 * step)) < 0.01
+    difference = (one[4] - two[4]) / (2.0 * step)
+    assert np.linalg.norm(by_end[:, state] - difference) < 0.02 * np.linalg.norm(difference)
+
+
+@pytest.mark.parametrize("place", sorted(CURVES))
+def test_derivatives_by_curves(bench, place):
+    """About a curve that is there; a force over speed jumps at each contact, where the sensitivities do too."""
+    x = bench.axes.points(place) / REACH[place]
+    shape = CURVES[place] * (x + 0.5 * x**2)
+    tables = np.zeros((P.PLACES, P.GRID))
+    tables[place] = shape
+    by_column = bench.run(tables=tables, columns=bench.columns((), [place], [shape]))[3]
+    step = 1e-5
+    one, two = (tables * (1.0 + sign * step) for sign in (1.0, -1.0))
+    difference = (bench.run(tables=one)[1] - bench.run(tables=two)[1]) / (2.0 * step)
+    assert apart(bench, by_column[:, 0], difference) < 0.02
+
+
+@pytest.mark.parametrize("kind", [P.MOUNT_GAIN, P.MOUNT_SQUARE, P.MOUNT_DAMPING, P.AIR_STIFFNESS, P.AIR_RATE])
+def test_derivatives_by_mount_and_air(bench, kind):
+    s = bench.s.copy()
+    s[[P.MOUNT_GAIN, P.MOUNT_SQUARE, P.MOUNT_DAMPING]] = 0.02, (2.0 * np.pi * 150.0) ** 2, 200.0
+    s[[P.AIR_STIFFNESS, P.AIR_RATE]] = 5e4, 5.0
+    begin = bench.begin.copy()
+    begin[:, P.Q] = 2.0
+    by_column = bench.run(s=s, begin=begin, columns=bench.columns([kind]), size=7)[3]
+    step = 1e-6 * s[kind]
+    one, two = s.copy(), s.copy()
+    one[kind] += step
+    two[kind] -= step
+    difference = (bench.run(s=one, begin=begin, size=7)[1] - bench.run(s=two, begin=begin, size=7)[1]) / (2.0 * step)
+    assert apart(bench, by_column[:, 0], difference) < 0.01
+
+
+def test_a_motion_that_leaves_all_bounds_says_so(bench):
+    s = bench.s.copy()
+    s[P.C] = -1e5
+    assert bench.run(s=s)[0] < 0.0

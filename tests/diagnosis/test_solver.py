@@ -1,0 +1,185 @@
+"""The solver on problems whose answers are known without it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from drillenv.diagnosis.solver import Limits, Priors, Quadratic, minimise
+
+
+@dataclass
+class Residuals:
+    """A block from residuals and their derivatives by finite differences of a function that is smooth."""
+
+    function: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    def cost(self, shared, own):
+        """Half the sum of squares."""
+        residual = self.function(shared, own)
+        return 0.5 * float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
+
+    def quadratic(self, shared, own):
+        """The same with derivatives."""
+        both = np.concatenate([own, shared])
+        residual = self.function(shared, own)
+        columns = []
+        for i in range(both.size):
+            step = 1e-6 * max(1.0, abs(both[i]))
+            ahead, behind = both.copy(), both.copy()
+            ahead[i] += step
+            behind[i] -= step
+            one, two = (self.function(each[own.size :], each[: own.size]) for each in (ahead, behind))
+            columns.append((one - two) / (2.0 * step))
+        a, b = np.array(columns[: own.size]).reshape(own.size, residual.size), np.array(columns[own.size :])
+        return Quadratic(
+            0.5 * float(residual @ residual),
+            a @ residual,
+            b @ residual,
+            a @ a.T,
+            a @ b.T,
+            b @ b.T,
+            np.sum(a**2, axis=1),
+        )
+
+    def advance(self, shared, own, move, before):
+        """The whole step."""
+        return self.cost(shared, own + move), own + move
+
+
+def free(size, centre=None, precision=None, low=None, freedom=np.inf):
+    """Priors that say nothing but what is given."""
+    return Priors(
+        np.zeros(size) if centre is None else centre,
+        np.zeros(size) if precision is None else precision,
+        np.full(size, -np.inf) if low is None else low,
+        np.full(size, np.inf),
+        freedom,
+    )
+
+
+def linear(rng, blocks=5, own=4, shared=3, rows=30):
+    """Blocks of linear residuals, and the stacked matrix and right side."""
+    parts = [
+        (rng.normal(size=(rows, own)), rng.normal(size=(rows, shared)), rng.normal(size=rows)) for _ in range(blocks)
+    ]
+    made = [Residuals(lambda p, x, a=a, b=b, r=r: a @ x + b @ p - r) for a, b, r in parts]
+    whole = np.zeros((blocks * rows, blocks * own + shared))
+    for i, (a, b, _) in enumerate(parts):
+        whole[i * rows : (i + 1) * rows, i * own : (i + 1) * own] = a
+        whole[i * rows : (i + 1) * rows, blocks * own :] = b
+    return made, whole, np.concatenate([r for _, _, r in parts])
+
+
+def test_a_linear_problem_is_solved_as_by_dense_least_squares():
+    made, whole, right = linear(np.random.default_rng(1))
+    found = minimise(made, np.zeros(3), [np.zeros(4)] * 5, free(3), Limits(30, 1e-12))
+    dense = np.linalg.lstsq(whole, right, rcond=None)[0]
+    assert found.converged
+    assert found.shared == pytest.approx(dense[-3:], abs=1e-6)
+    assert np.concatenate(found.own) == pytest.approx(dense[:-3], abs=1e-6)
+    assert found.cost == pytest.approx(0.5 * np.sum((whole @ dense - right) ** 2))
+    assert found.covariance == pytest.approx(np.linalg.inv(whole.T @ whole)[-3:, -3:], rel=1e-6)
+
+
+def test_priors_and_bounds():
+    made, whole, right = linear(np.random.default_rng(2))
+    precision, centre = np.array([3.0, 0.0, 5.0]), np.array([1.0, 0.0, -1.0])
+    found = minimise(
+        made, np.zeros(3), [np.zeros(4)] * 5, free(3, centre=centre, precision=precision), Limits(30, 1e-12)
+    )
+    extra = np.zeros((3, whole.shape[1]))
+    extra[:, -3:] = np.diag(precision)
+    dense = np.linalg.lstsq(np.vstack([whole, extra]), np.concatenate([right, precision * centre]), rcond=None)[0]
+    assert found.shared == pytest.approx(dense[-3:], abs=1e-6)
+    low = np.array([dense[-3] + 0.1, -np.inf, -np.inf])
+    bound = minimise(made, np.zeros(3), [np.zeros(4)] * 5, free(3, low=low), Limits(60, 1e-12))
+    assert bound.shared[0] == low[0]
+
+
+def van_der_pol(mu, state, steps, h):
+    """Positions over the steps, and the state behind them, by the classical Runge-Kutta method."""
+
+    def rates(y):
+        return np.array([y[1], mu * (1.0 - y[0] ** 2) * y[1] - y[0]])
+
+    said = []
+    for _ in range(steps):
+        said.append(state[0])
+        k1 = rates(state)
+        k2 = rates(state + 0.5 * h * k1)
+        k3 = rates(state + 0.5 * h * k2)
+        state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(state + h * k3))
+    return np.array(said), state
+
+
+def test_van_der_pol_by_multiple_shooting():
+    h, steps, windows, noise = 0.05, 25, 8, 0.02
+    pulls = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        state, measured = np.array([1.0, 0.0]), []
+        for _ in range(windows):
+            said, state = van_der_pol(1.3, state, steps, h)
+            measured.append(said + rng.normal(0.0, noise, steps))
+
+        def residual(p, x, measured=measured):
+            begin, rows = x.reshape(windows, 2), []
+            for i in range(windows):
+                said, end = van_der_pol(p[0], begin[i], steps, h)
+                rows.append((said - measured[i]) / noise)
+                if i + 1 < windows:
+                    rows.append((begin[i + 1] - end) / 1e-3)
+            return np.concatenate(rows)
+
+        begin = np.array([[each[0], (each[1] - each[0]) / h] for each in measured]).ravel()
+        found = minimise([Residuals(residual)], np.array([2.6]), [begin], free(1), Limits(60, 1e-6))
+        pulls.append((found.shared[0] - 1.3) / np.sqrt(found.covariance[0, 0]))
+    assert np.max(np.abs(pulls)) < 3.5
+    assert 0.3 < np.std(pulls) < 2.0
+
+
+def test_a_bouncing_ball():
+    rng, g, e, noise = np.random.default_rng(3), 9.81, 0.8, 1e-3
+    speeds = 3.0 * e ** np.arange(6)
+    times = [np.linspace(0.0, 2.0 * v / g, 40, endpoint=False) for v in speeds]
+    heights = [v * t - 0.5 * g * t**2 + rng.normal(0.0, noise, t.size) for v, t in zip(speeds, times, strict=True)]
+
+    def residual(p, x):
+        rows = [(v * t - 0.5 * p[0] * t**2 - y) / noise for v, t, y in zip(x, times, heights, strict=True)]
+        rows.append((x[1:] - p[1] * x[:-1]) / 1e-4)
+        return np.concatenate(rows)
+
+    found = minimise([Residuals(residual)], np.array([5.0, 0.5]), [np.full(6, 2.0)], free(2), Limits(60, 1e-9))
+    spread = np.sqrt(np.diag(found.covariance))
+    assert abs(found.shared[0] - g) < 4.0 * spread[0]
+    assert abs(found.shared[1] - e) < 4.0 * spread[1]
+
+
+def test_heavy_tails_let_a_wrong_belief_go():
+    data = Residuals(lambda p, x: (p - 10.0) / 0.8)
+    normal = minimise([data], np.zeros(1), [np.zeros(0)], free(1, precision=np.ones(1)), Limits(60, 1e-9))
+    tails = minimise(
+        [data], np.array([9.0]), [np.zeros(0)], free(1, precision=np.ones(1), freedom=2.0), Limits(60, 1e-9)
+    )
+    assert normal.shared[0] == pytest.approx(10.0 / (1.0 + 0.64), rel=1e-6)
+    assert tails.shared[0] > 9.0
+
+
+def test_over_dispersion_makes_priors_weightier():
+    rng = np.random.default_rng(5)
+    noise = rng.normal(0.0, 10.0, 400)
+    data = Residuals(lambda p, x: p[0] - 3.0 + noise)
+    plain = minimise([data], np.zeros(1), [np.zeros(0)], free(1, precision=np.ones(1)))
+    scaled = minimise([data], np.zeros(1), [np.zeros(0)], free(1, precision=np.ones(1)), samples=400)
+    assert abs(plain.shared[0] - 3.0 + noise.mean()) < 0.05
+    assert abs(scaled.shared[0]) < abs(plain.shared[0])
+
+
+def test_an_infinite_cost_is_no_end():
+    def residual(p, x):
+        return np.array([np.log(p[0]) * 5.0, p[0] - 2.0]) if p[0] > 0.0 else np.array([np.inf, 0.0])
+
+    found = minimise([Residuals(residual)], np.array([0.05]), [np.zeros(0)], free(1), Limits(80, 1e-9))
+    assert 1.0 < found.shared[0] < 1.2

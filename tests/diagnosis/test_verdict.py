@@ -1,0 +1,68 @@
+"""The second design from a campaign of the concealed rig to its verdict."""
+
+import numpy as np
+import pytest
+
+from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.mechanisms import MECHANISMS, Concealed
+from drillenv.corrected import model_from_record, model_record
+from drillenv.diagnosis.findings import corrected, record_of
+from drillenv.diagnosis.verdict import diagnose_drill
+
+pytestmark = pytest.mark.slow
+
+
+def concealing(name: str, equation: int, **parameters: float) -> tuple[Concealed, ...]:
+    """A mechanism of the catalogue under one of its equations."""
+    return (Concealed(name, MECHANISMS[name].equations[equation], parameters),)
+
+
+def diagnosed(seed: int, hidden=(), wrong=None):
+    """Diagnose five short recordings; also what was true."""
+    made = plain_campaign(np.random.default_rng(seed), 4, hidden, wrong, recordings=5, seconds=0.3)
+    return made, diagnose_drill(made.campaign)
+
+
+def test_nothing_missing_agrees():
+    made, outcome = diagnosed(21)
+    assert outcome.verdict in ("agrees", "parameters")
+    assert not outcome.steps
+    assert outcome.final.per_freedom == pytest.approx(1.0, abs=0.02)
+    spread = np.sqrt(np.diag(outcome.final.fit.covariance))
+    for i, unknown in enumerate(outcome.final.hypothesis.unknowns[:8]):
+        off = outcome.final.values[i] - made.true._asdict()[unknown.name]
+        assert abs(off) < 4.5 * spread[i] * unknown.width, unknown.name
+
+
+def test_a_wrong_constant_is_named_and_right():
+    made, outcome = diagnosed(22, wrong={"damping": 9.0})
+    record = record_of(outcome, [])
+    assert outcome.verdict == "parameters"
+    assert record["parameters"]["damping"]["value"] == pytest.approx(made.true._asdict()["damping"], rel=0.01)
+
+
+def test_the_librarys_equation_gives_the_form_and_its_parameter():
+    _, outcome = diagnosed(23, concealing("contact-rate", 0, chi=0.6))
+    (finding,) = record_of(outcome, [])["findings"]
+    assert (outcome.verdict, finding["mechanism"], finding["form"]) == (
+        "missing-physics", "contact-rate", "hunt-crossley",
+    )  # fmt: skip
+    assert finding["parameters"]["chi"]["value"] == pytest.approx(0.6, rel=0.03)
+    model = corrected(outcome)
+    assert model_from_record(model_record(model)).effects == model.effects
+
+
+def test_another_equation_is_named_with_its_law():
+    _, outcome = diagnosed(24, concealing("contact-rate", 1, c_r=500.0))
+    (finding,) = record_of(outcome, [])["findings"]
+    assert (outcome.verdict, finding["mechanism"]) == ("missing-physics", "contact-rate")
+    law = finding["law"]
+    x, y = np.array(law["x"]), np.array(law["y"])
+    inside = x > 0.02
+    assert np.sqrt(np.mean((y - 500.0 * x)[inside] ** 2)) < 0.1 * np.sqrt(np.mean((500.0 * x[inside]) ** 2))
+    assert np.all(np.array(law["low"]) <= y)
+    assert np.all(y <= np.array(law["high"]))
+    # a measured law is a model: it goes into the file and comes back
+    model = corrected(outcome)
+    assert [each.effect.name for each in model.effects] == ["tabulated-rate-factor", "tabulated-rate-force"]
+    assert model_from_record(model_record(model)).effects == model.effects
