@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import erfc
 
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.drill import REACH, Model, Scene, Term, Unknown
 from drillenv.diagnosis.predict import Axes
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.terms import REACH, Model, Scene, Term, Unknown
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig, Setting
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,15 @@ from scipy.signal import upfirdn
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import SETTLING, Conditioned
+from drillenv.diagnosis.coupling import (
+    closing_speed,
+    damper_force,
+    damping_at,
+    look,
+    shortening,
+    spring_force,
+    stiffness_at,
+)
 from drillenv.diagnosis.noise import NoiseModel, line_columns, whiten
 from drillenv.diagnosis.predict import (
     COMPACTION,
@@ -33,7 +42,6 @@ from drillenv.diagnosis.predict import (
     STATES,
     V1,
     V2,
-    Axes,
     C,
     Columns,
     K,
@@ -42,6 +50,7 @@ from drillenv.diagnosis.predict import (
     run,
 )
 from drillenv.diagnosis.solver import Floats, Quadratic, factor
+from drillenv.diagnosis.terms import REACH, Hypothesis, Model, Scene, Term
 
 CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015])
 """Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
@@ -53,155 +62,8 @@ STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0])
 Forces, for what the data say of a window does not change with the spring that is taken to have made them."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
-RUNNING = 1.3
-"""s for which a rig that "had been running" is taken to have run before a recording."""
-REACH = 16
-"""Samples that a filter of the logger looks ahead and back."""
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
-
-
-class Scene(NamedTuple):
-    """What a term is told of a recording."""
-
-    name: str
-    frequency: float
-    """Hz."""
-    amplitude: float
-    """V, as measured."""
-    pressure: float
-    """bar, as stated."""
-    rate: float
-    fresh: bool
-
-
-@dataclass
-class Model:
-    """The arrays that the integrator takes, of one recording."""
-
-    s: Floats
-    tables: Floats
-    """(PLACES, GRID)."""
-    turn: Floats = field(default_factory=lambda: np.zeros(3))
-    sine: Floats = field(default_factory=lambda: np.zeros(3))
-    cosine: Floats = field(default_factory=lambda: np.zeros(3))
-    impacts: float = 0.0
-
-
-class Unknown(NamedTuple):
-    """A shared parameter."""
-
-    name: str
-    value: float
-    """Where it begins, and the centre of its prior."""
-    width: float
-    """Its unit in the solver: about what it may change by."""
-    std: float = math.inf
-    """Of its prior."""
-    low: float = -math.inf
-    high: float = math.inf
-    unit: str = "1"
-
-
-@dataclass(frozen=True)
-class Term:
-    """A part of the model with parameters: the paper's constants, a law, a filter."""
-
-    name: str
-    unknowns: tuple[Unknown, ...]
-    stage = 0
-    """Sensors act in rising order of it."""
-    remembers = False
-    """Whether it has states of its own, of the mount or the air."""
-
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
-        """Add to the model of a recording."""
-
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
-        """What sensors make of signals (..., 2, n), linearly."""
-        return signals
-
-    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
-        """(2, n) what sensors read too much whatever the motion, ``first`` being the first sample that is simulated."""
-        return None
-
-    def is_silent(self, values: Floats, other: Floats, scene: Scene) -> bool:
-        """Whether a recording is alike with other values of a term that only adds."""
-        one, two = (self.add(each, scene, 64) for each in (values, other))
-        return one is None or two is None or bool(np.array_equal(one, two))
-
-    def kernel(self, values: Floats, over: int) -> Floats | None:
-        """Of a logger's filter, on a grid so many times as fine as the samples."""
-        return None
-
-    @property
-    def senses(self) -> bool:
-        """Whether it acts on what is read."""
-        if type(self).kernel is not Term.kernel:
-            return True
-        return type(self).sense is not Term.sense or type(self).add is not Term.add
-
-    @property
-    def moves(self) -> bool:
-        """Whether it acts on the motion."""
-        return type(self).contribute is not Term.contribute
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A model with named terms."""
-
-    terms: tuple[Term, ...]
-    axes: Axes
-
-    @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """The parameters of all terms, in their order."""
-        return tuple(each for term in self.terms for each in term.unknowns)
-
-    def split(self, values: Floats) -> list[Floats]:
-        """Parameters of each term."""
-        ends = np.cumsum([len(term.unknowns) for term in self.terms])
-        return np.split(values, ends[:-1])
-
-    def model(self, values: Floats, scene: Scene) -> Model:
-        """Of a recording, at values of the parameters in their own units."""
-        # a rig that had been running is taken to have run for a little more than the second that it must
-        impacts = 0.0 if scene.fresh else RUNNING * scene.frequency
-        model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)), impacts=impacts)
-        for term, own in zip(self.terms, self.split(values), strict=True):
-            term.contribute(own, model, scene, self.axes)
-        return model
-
-    @property
-    def remembers(self) -> bool:
-        """Whether sensors remember for longer than the logger's filter."""
-        return any(term.senses and type(term).kernel is Term.kernel for term in self.terms)
-
-    def kernel(self, values: Floats, over: int) -> Floats | None:
-        """Of the logger's filter."""
-        for term, own in zip(self.terms, self.split(values), strict=True):
-            made = term.kernel(own, over)
-            if made is not None:
-                return made
-        return None
-
-    def added(self, values: Floats, n: int, scene: Scene, first: int = 0) -> Floats | float:
-        """(2, n) what is read too much whatever the motion."""
-        total: Floats | float = 0.0
-        for term, own in zip(self.terms, self.split(values), strict=True):
-            more = term.add(own, scene, n, first)
-            if more is not None:
-                total = total + more
-        return total
-
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
-        """What is read of signals (..., 2, n)."""
-        pairs = sorted(zip(self.terms, self.split(values), strict=True), key=lambda pair: pair[0].stage)
-        for term, own in pairs:
-            if type(term).sense is not Term.sense:
-                signals = term.sense(own, signals, scene)
-        return signals
 
 
 class Raw(NamedTuple):
@@ -679,69 +541,6 @@ def chained(raw: Raw, starts: NDArray, by_own: Floats, by_column: Floats) -> Raw
     ends_by_state = np.einsum("wie,wij->wje", raw.ends_by_state, by_own)
     ends_by_column = raw.ends_by_column + np.einsum("wie,wji->wje", raw.ends_by_state, by_column)
     return raw._replace(by_state=by_state, by_column=more, ends_by_state=ends_by_state, ends_by_column=ends_by_column)
-
-
-def look(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
-    """A place's table (GRID,) at arguments."""
-    at = (np.arcsinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
-    return np.interp(at, np.arange(GRID), table)
-
-
-def slope(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
-    """Its derivative by the argument."""
-    scale = axes.scale[place]
-    at = (np.arcsinh(x / scale) - axes.low[place]) / axes.step[place]
-    inside = (at > 0.0) & (at < GRID - 1)
-    i = np.clip(at.astype(int), 0, GRID - 2)
-    return np.where(inside, (table[i + 1] - table[i]) / (axes.step[place] * np.sqrt(x**2 + scale**2)), 0.0)
-
-
-def spring_force(y: Floats, model: Model, axes: Axes) -> Floats:
-    """Force in N of the coupling's spring at a shortening."""
-    rest = model.s[F_B] / model.s[K]
-    force = model.s[K] * y + look(model.tables[SPRING], axes, SPRING, y)
-    return force + look(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, y - rest)
-
-
-def stiffness_at(y: Floats, model: Model, axes: Axes) -> Floats:
-    """Its derivative, not less than a tenth of k."""
-    rest = model.s[F_B] / model.s[K]
-    found = model.s[K] + slope(model.tables[SPRING], axes, SPRING, y)
-    found = found + slope(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, y - rest)
-    return np.maximum(found, 0.1 * model.s[K])
-
-
-def damper_force(v: Floats, model: Model, axes: Axes) -> Floats:
-    """Force in N of the coupling's damper at a closing speed."""
-    return model.s[C] * v + look(model.tables[DAMPER], axes, DAMPER, v)
-
-
-def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
-    """Its derivative, not less than a tenth of c."""
-    return np.maximum(model.s[C] + slope(model.tables[DAMPER], axes, DAMPER, v), 0.1 * model.s[C])
-
-
-def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
-    """Argument of a rising law at forces, by Newton's method from ``at``."""
-    for _ in range(12):
-        at = at - (law(at) - force) / derivative(at)
-    return at
-
-
-def shortening(force: Floats, model: Model, axes: Axes) -> Floats:
-    """y in m at forces of the spring in N."""
-    y = force / model.s[K]
-    if not (np.any(model.tables[SPRING]) or np.any(model.tables[SPRING_FROM_REST])):
-        return y
-    return _inverted(force, y, lambda x: spring_force(x, model, axes), lambda x: stiffness_at(x, model, axes))
-
-
-def closing_speed(force: Floats, model: Model, axes: Axes) -> Floats:
-    """v1 - v2 in m/s at forces of the damper in N."""
-    v = force / model.s[C]
-    if not np.any(model.tables[DAMPER]):
-        return v
-    return _inverted(force, v, lambda x: damper_force(x, model, axes), lambda x: damping_at(x, model, axes))
 
 
 def mixed(by_scalar: Floats, tables: Sequence[dict[int, Floats]]) -> tuple[Columns, Floats]:

@@ -11,11 +11,12 @@ import numpy as np
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import STATE_WIDTHS, Hypothesis, Recorded, no_columns
+from drillenv.diagnosis.drill import STATE_WIDTHS, Recorded, no_columns
 from drillenv.diagnosis.laws import axes_of
 from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, quantum
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
+from drillenv.diagnosis.terms import Hypothesis
 
 WEIGHTS = (1e3, 1.0)
 """Continuation in the standard deviations of the continuity constraints: windows nearly free, then windows that go on

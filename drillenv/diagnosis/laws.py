@@ -10,9 +10,9 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.drill import Model, Scene, Term, Unknown
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.terms import Model, Scene, Term, Unknown
 from drillenv.dynamics.effects import REGISTRY, Parameter
 from drillenv.dynamics.forms import Around, Form
 

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.drill import Model, Term
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.terms import Model, Term
 
 POINTS = 61
 BAND = 1.96

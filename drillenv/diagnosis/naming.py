@@ -12,12 +12,12 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Hypothesis, Model, Term
 from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import NUMBERS, Curve, Equation, Family, Gain, equations
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS
 from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.terms import Hypothesis, Model, Term
 
 LAW_ERROR = 0.05
 """Relative error of a fitted law that is allowed for: what it leaves, a share LAW_ERROR^2 of its gain, calls for no

@@ -11,13 +11,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Hypothesis, Recorded, Term
+from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.fitting import CLOSE, GRADUAL, WEIGHTS, Fitted, chained, fit_to, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import Family, families, moved_to
 from drillenv.diagnosis.naming import LAW_ERROR, THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
+from drillenv.diagnosis.terms import Hypothesis, Term
 
 FALSE_ALARMS = 0.002
 """Probability that a campaign where nothing is missing gives any family a gain that counts."""

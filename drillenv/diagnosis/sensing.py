@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, oaconvolve
 
-from drillenv.diagnosis.drill import Scene, Term, Unknown
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.terms import Scene, Term, Unknown
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.rig import PUSH
 

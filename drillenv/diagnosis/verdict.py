@@ -13,7 +13,7 @@ from drillenv.checks import InputError
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import Hypothesis, Recorded, no_columns
+from drillenv.diagnosis.drill import Recorded, no_columns
 from drillenv.diagnosis.fitting import (
     CLOSE,
     WEIGHTS,
@@ -31,6 +31,7 @@ from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.selection import Score, Step, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.terms import Hypothesis
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 

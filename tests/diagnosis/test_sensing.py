@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, lfilter_zi
 
-from drillenv.diagnosis.drill import Scene
 from drillenv.diagnosis.sensing import OVERDAMPED, Sensor, response, sensor_families, textbook_sensors
+from drillenv.diagnosis.terms import Scene
 from drillenv.dynamics.effects import REGISTRY, Channels, make
 from drillenv.dynamics.general import run_general
 from drillenv.dynamics.sensors import channels_of

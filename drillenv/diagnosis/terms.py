@@ -1,0 +1,160 @@
+"""What a model is made of: terms with parameters, which add to the motion or to what sensors make of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
+from drillenv.diagnosis.solver import Floats
+
+RUNNING = 1.3
+"""s for which a rig that "had been running" is taken to have run before a recording."""
+REACH = 16
+"""Samples that a filter of the logger looks ahead and back."""
+
+
+class Scene(NamedTuple):
+    """What a term is told of a recording."""
+
+    name: str
+    frequency: float
+    """Hz."""
+    amplitude: float
+    """V, as measured."""
+    pressure: float
+    """bar, as stated."""
+    rate: float
+    fresh: bool
+
+
+@dataclass
+class Model:
+    """The arrays that the integrator takes, of one recording."""
+
+    s: Floats
+    tables: Floats
+    """(PLACES, GRID)."""
+    turn: Floats = field(default_factory=lambda: np.zeros(3))
+    sine: Floats = field(default_factory=lambda: np.zeros(3))
+    cosine: Floats = field(default_factory=lambda: np.zeros(3))
+    impacts: float = 0.0
+
+
+class Unknown(NamedTuple):
+    """A shared parameter."""
+
+    name: str
+    value: float
+    """Where it begins, and the centre of its prior."""
+    width: float
+    """Its unit in the solver: about what it may change by."""
+    std: float = math.inf
+    """Of its prior."""
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Term:
+    """A part of the model with parameters: the paper's constants, a law, a filter."""
+
+    name: str
+    unknowns: tuple[Unknown, ...]
+    stage = 0
+    """Sensors act in rising order of it."""
+    remembers = False
+    """Whether it has states of its own, of the mount or the air."""
+
+    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+        """Add to the model of a recording."""
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """What sensors make of signals (..., 2, n), linearly."""
+        return signals
+
+    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+        """(2, n) what sensors read too much whatever the motion, ``first`` being the first sample that is simulated."""
+        return None
+
+    def is_silent(self, values: Floats, other: Floats, scene: Scene) -> bool:
+        """Whether a recording is alike with other values of a term that only adds."""
+        one, two = (self.add(each, scene, 64) for each in (values, other))
+        return one is None or two is None or bool(np.array_equal(one, two))
+
+    def kernel(self, values: Floats, over: int) -> Floats | None:
+        """Of a logger's filter, on a grid so many times as fine as the samples."""
+        return None
+
+    @property
+    def senses(self) -> bool:
+        """Whether it acts on what is read."""
+        if type(self).kernel is not Term.kernel:
+            return True
+        return type(self).sense is not Term.sense or type(self).add is not Term.add
+
+    @property
+    def moves(self) -> bool:
+        """Whether it acts on the motion."""
+        return type(self).contribute is not Term.contribute
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model with named terms."""
+
+    terms: tuple[Term, ...]
+    axes: Axes
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The parameters of all terms, in their order."""
+        return tuple(each for term in self.terms for each in term.unknowns)
+
+    def split(self, values: Floats) -> list[Floats]:
+        """Parameters of each term."""
+        ends = np.cumsum([len(term.unknowns) for term in self.terms])
+        return np.split(values, ends[:-1])
+
+    def model(self, values: Floats, scene: Scene) -> Model:
+        """Of a recording, at values of the parameters in their own units."""
+        # a rig that had been running is taken to have run for a little more than the second that it must
+        impacts = 0.0 if scene.fresh else RUNNING * scene.frequency
+        model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)), impacts=impacts)
+        for term, own in zip(self.terms, self.split(values), strict=True):
+            term.contribute(own, model, scene, self.axes)
+        return model
+
+    @property
+    def remembers(self) -> bool:
+        """Whether sensors remember for longer than the logger's filter."""
+        return any(term.senses and type(term).kernel is Term.kernel for term in self.terms)
+
+    def kernel(self, values: Floats, over: int) -> Floats | None:
+        """Of the logger's filter."""
+        for term, own in zip(self.terms, self.split(values), strict=True):
+            made = term.kernel(own, over)
+            if made is not None:
+                return made
+        return None
+
+    def added(self, values: Floats, n: int, scene: Scene, first: int = 0) -> Floats | float:
+        """(2, n) what is read too much whatever the motion."""
+        total: Floats | float = 0.0
+        for term, own in zip(self.terms, self.split(values), strict=True):
+            more = term.add(own, scene, n, first)
+            if more is not None:
+                total = total + more
+        return total
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """What is read of signals (..., 2, n)."""
+        pairs = sorted(zip(self.terms, self.split(values), strict=True), key=lambda pair: pair[0].stage)
+        for term, own in pairs:
+            if type(term).sense is not Term.sense:
+                signals = term.sense(own, signals, scene)
+        return signals
