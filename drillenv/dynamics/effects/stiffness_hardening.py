@@ -29,9 +29,9 @@ EFFECT = Effect(
     parameters=(
         Parameter(
             "k3",
-            "cubic stiffness of the coupling; negative for one that softens",
+            "cubic stiffness of the coupling",
             "N/m^3",
-            -1e12,
+            0.0,
             1e13,
             0.0,
             (2e9, 1e10),
