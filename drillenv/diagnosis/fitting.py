@@ -21,6 +21,8 @@ from drillenv.diagnosis.terms import Hypothesis
 WEIGHTS = (1e3, 1.0)
 """Continuation in the standard deviations of the continuity constraints: windows nearly free, then windows that go on
 from each other to within the integrator's error."""
+TAILS = 4.0
+"""Degrees of freedom of the constants' priors where windows are joined."""
 FULL = Limits()
 GRADUAL = (100.0, 10.0, 1.0)
 """The same in smaller steps, where windows that are joined at once do not settle."""
@@ -168,13 +170,12 @@ def fit_to(
     weights: Sequence[float] = WEIGHTS,
     limits: Limits = FULL,
     noise: Sequence[Noise] | None = None,
-    tails: float = math.inf,
 ) -> Fitted:
     """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres.
 
     The continuation in ``weights`` goes on as long as the model is close.
     """
-    priors = replace(priors_of(hypothesis), freedom=tails)
+    priors = priors_of(hypothesis)
     shared = priors.centre.copy() if start is None else start
     size = STATES if any(term.remembers for term in hypothesis.terms) else 4
     levels = [noise_of(each) if noise is None else noise[i] for i, each in enumerate(data)]
@@ -188,6 +189,8 @@ def fit_to(
         if fit is not None:
             own = chained(blocks, fit.shared, own, pool) if len(weights) < 3 else own
         blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
+        # a model that is close may find that a constant is wrong; one that is far off must not
+        priors = replace(priors, freedom=TAILS if weight == WEIGHTS[-1] else math.inf)
         samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
         fit = minimise(blocks, shared, own, priors, limits, pool, samples)
         own = restarted(blocks, fit, pool)

@@ -128,10 +128,10 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
 
 
 def polished(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
-    """The same to the end, with priors whose tails let a wrong constant go."""
+    """The same to the end."""
     noise = noise_left(fitted, pool) if fitted.per_freedom < CLOSE else fitted.noise
     return fit_to(
-        data, fitted.hypothesis, fitted.fit.shared, fitted.fit.own, pool, (fitted.weight,), Limits(15, 0.1), noise, 4.0
+        data, fitted.hypothesis, fitted.fit.shared, fitted.fit.own, pool, (fitted.weight,), Limits(15, 0.1), noise
     )
 
 

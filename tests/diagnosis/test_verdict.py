@@ -18,8 +18,8 @@ def concealing(name: str, equation: int, **parameters: float) -> tuple[Concealed
 
 
 def diagnosed(seed: int, hidden=(), wrong=None):
-    """Diagnose five short recordings; also what was true."""
-    made = plain_campaign(np.random.default_rng(seed), 4, hidden, wrong, recordings=5, seconds=0.3)
+    """Diagnose four short recordings; also what was true."""
+    made = plain_campaign(np.random.default_rng(seed), 4, hidden, wrong, recordings=4, seconds=0.25)
     return made, diagnose_drill(made.campaign)
 
 
