@@ -66,8 +66,6 @@ class Conditioned:
     """N."""
     acceleration: np.ndarray
     """m/s^2."""
-    excitation: np.ndarray
-    """V."""
     omega: float
     """rad/s, of the measured excitation."""
     phase: float
@@ -78,37 +76,23 @@ class Conditioned:
     """Standard deviation of the white noise in N."""
     noise_acceleration: float
     """In m/s^2."""
-    noise_excitation: float
-    lost: float
-    """Force of the cylinder in N that does not arrive at the rock on average, by the balance of momentum."""
     starts: np.ndarray
     """(windows + 1,) samples at which windows begin, and where the last one ends."""
-    thin: int
-    """1, or how many recorded samples go on one here."""
     states: np.ndarray
-    """(windows, 4) first guess of spring force in N, v1 and v2 in m/s and w in m at the beginning of each window."""
+    """(windows, 4) first guess at the beginning of each window of the coupling's spring force and damper force in N, of
+    the indenter's speed in m/s and of its depth in m, negative off the rock."""
 
-    @property
-    def judged(self) -> slice:
-        """The samples that predictions are held against.
-
-        A sensor that rings or lags still speaks of what was before the first window, of which nothing is known; in a
-        fresh recording, of the moment at which the rig was started.
-        """
-        first = round(SETTLING * self.rate) if self.fresh else int(self.starts[1])
-        return slice(first, int(self.starts[-1]))
-
-    def thinned(self, every: int) -> Conditioned:
-        """Every so manieth sample only, for a first look; ``every`` divides GRID."""
-        keep = slice(None, None, every)
+    def first(self, windows: int) -> Conditioned:
+        """Its first windows only, where it has more."""
+        if windows >= len(self.starts) - 1:
+            return self
+        end = int(self.starts[windows])
         return replace(
             self,
-            rate=self.rate / every,
-            force=self.force[keep].copy(),
-            acceleration=self.acceleration[keep].copy(),
-            excitation=self.excitation[keep].copy(),
-            starts=self.starts // every,
-            thin=self.thin * every,
+            force=self.force[:end],
+            acceleration=self.acceleration[:end],
+            starts=self.starts[: windows + 1],
+            states=self.states[:windows],
         )
 
 
@@ -336,6 +320,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         )
     states = np.array([_state_at(int(s), touches, resting, now, rate, y, closing, noise[0]) for s in starts[:-1]])
     states[:, 0] *= rig.stiffness
+    states[:, 1] = rig.damping * (states[:, 1] - states[:, 2])
     if fresh:
         states[0] = rig.static_force(setting), 0.0, 0.0, 0.0
     return Conditioned(
@@ -345,16 +330,12 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         rate,
         force,
         acceleration,
-        excitation,
         omega,
         phase,
         amplitude,
         noise[0],
         noise[1],
-        max(white_noise(excitation), 1e-9),
-        rig.static_force(setting) - float(resting[starts[0] : starts[-1]].mean()),
         starts,
-        1,
         states,
     )
 

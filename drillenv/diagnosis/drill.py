@@ -60,6 +60,9 @@ PRESSURE_LABEL = 0.006
 STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0])
 """Units of a window's own unknowns: force of the coupling's spring and of its damper in N, then the states from v2 on.
 Forces, for what the data say of a window does not change with the spring that is taken to have made them."""
+FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
+"""Standard deviations of the first window's states about their first guess, in N, N, m/s and m: as large as they are,
+for the samples say little of them where sensors remember the time before."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
 DENSE = 50e3
@@ -77,6 +80,11 @@ class Raw(NamedTuple):
     ends_by_state: Floats
     ends_by_column: Floats
     good: bool
+
+
+def first_states(data: Conditioned) -> Floats:
+    """Own unknowns of a recording as conditioning guesses them."""
+    return np.append((data.states / STATE_WIDTHS[:4]).ravel(), [0.0, 0.0])
 
 
 def no_columns() -> Columns:
@@ -110,7 +118,8 @@ class Recorded:
         wait = round(SETTLING * data.rate) if data.fresh else 0
         if self.hypothesis.remembers:
             wait = max(wait, int(data.starts[1] - data.starts[0]) // 2)
-        self.judged = slice(int(data.starts[0]) + wait, int(data.starts[-1]))
+        # nothing is simulated of what the logger's filter would look ahead to
+        self.judged = slice(int(data.starts[0]) + wait, int(data.starts[-1]) - REACH)
         self.widths = np.array([each.width for each in self.hypothesis.unknowns])
         self.measured = np.stack([data.force, data.acceleration])
         self.coloured = any(each.corner > 0.0 for each in self.noise)
@@ -234,8 +243,17 @@ class Recorded:
         by_window = np.add.reduceat(full, self.data.starts[:-1].astype(int))
         gaps = (self.gaps(raw, own, model) ** 2).sum(axis=1)
         by_window[:-1] += gaps
-        prior = float(own[self.windows * self.state_count(own) :][:2] @ own[self.windows * self.state_count(own) :][:2])
-        return 0.5 * (float(full[self.judged].sum() + gaps.sum()) + prior), 0.5 * by_window
+        off, precision = self.beliefs(own)
+        return 0.5 * float(full[self.judged].sum() + gaps.sum() + precision @ off**2), 0.5 * by_window
+
+    def beliefs(self, own: Floats) -> tuple[Floats, Floats]:
+        """What own unknowns are off the centres of their priors, and the priors' precisions."""
+        off, precision = own.copy(), np.zeros(own.size)
+        off[:4] -= self.data.states[0] / STATE_WIDTHS[:4]
+        precision[:4] = (STATE_WIDTHS[:4] / FIRST_STATE) ** 2
+        behind = self.windows * self.state_count(own)
+        precision[behind : behind + 2] = 1.0
+        return off, precision
 
     def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step; windows that it makes worse take a part of it."""
@@ -262,7 +280,7 @@ class Recorded:
         return best, at
 
     def restarted(self, shared: Floats, own: Floats) -> Floats:
-        """Windows whose cost stands out, from other states: where the one before ends, and the first guess."""
+        """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin."""
         _, costs = self.costs(shared, own)
         length = np.diff(self.data.starts)
         typical = float(np.median(costs / length))
@@ -281,8 +299,10 @@ class Recorded:
         first[1:, :2] = np.where(stray[:-1, None], guess[1:, :2], ends[:-1, :2])
         going_on = states.copy()
         going_on[1:] = ends[:-1]
+        # as in the windows after it: a rig that runs repeats itself after one or two
+        next_, after_next = np.roll(states, -1, axis=0), np.roll(states, -2, axis=0)
         best, at = costs, own
-        for trial in (first, going_on):
+        for trial in (first, going_on, next_, after_next):
             begun = self.settled(shared, np.append(np.where(stray[:, None], trial, states).ravel(), behind))
             _, other = self.costs(shared, begun)
             better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
@@ -303,16 +323,21 @@ class Recorded:
         begin = self.integrate(model, own, no_columns(), 0, chained=True).ends
         return np.append(self.owned(begin, model, kept).ravel(), own[self.windows * kept :])
 
-    def settled(self, shared: Floats, own: Floats, steps: int = 6) -> Floats:
-        """Own unknowns after Gauss-Newton steps of their own."""
-        cost = self.cost(shared, own)
+    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+        """Own unknowns after Levenberg-Marquardt steps of their own."""
+        cost, damping, part = self.cost(shared, own), 1e-3, None
+        samples = self.measured[:, self.judged].size
         for _ in range(steps):
-            part = self.quadratic(shared, own)
-            move = -cho_solve(factor(part, 1e-3), part.by_own, check_finite=False)
-            after, moved = self.advance(shared, own, move, cost)
-            if not after < cost - 0.5:
+            part = self.quadratic(shared, own, fixed=True) if part is None else part
+            move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
+            little = max(0.5, 1e-3 * (cost - 0.5 * samples))
+            if -0.5 * float(part.by_own @ move) < little:
                 break
-            cost, own = after, moved
+            after, moved = self.advance(shared, own, move, cost)
+            if after < cost:
+                cost, own, damping, part = after, moved, 0.1 * damping, None
+            else:
+                damping *= 30.0
         return own
 
     def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
@@ -322,9 +347,10 @@ class Recorded:
 
     def read(self, values: Floats, said: Floats) -> Floats:
         """(2, n) what the logger makes of the simulated signals, the lines aside."""
-        read = self.hypothesis.sense(values, said, self.scene)
-        added = self.hypothesis.added(values, said.shape[1], self.scene, int(self.starts[0]))
-        return self.sampled(values, read + added)
+        read = self.sampled(values, self.hypothesis.sense(values, said, self.scene))
+        # what is added is slow, so that the logger's filter lets it pass
+        scene = self.scene._replace(rate=self.data.rate)
+        return read + self.hypothesis.added(values, read.shape[1], scene, int(self.data.starts[0]))
 
     def sampled(self, values: Floats, signals: Floats) -> Floats:
         """Signals (..., fine) filtered by the logger, at its samples."""
@@ -342,15 +368,15 @@ class Recorded:
         begin = self.begun(own, model)[:, :kept]
         return (begin[1:] - raw.ends[:-1, :kept]) / (CONTINUITY[:kept] * self.weight)
 
-    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
-        """Negative log-likelihood with its derivatives."""
+    def quadratic(self, shared: Floats, own: Floats, fixed: bool = False) -> Quadratic:
+        """Negative log-likelihood with its derivatives; ``fixed`` leaves out those by the shared parameters."""
         values, kept = shared * self.widths, self.state_count(own)
-        model, columns, mixing = self.elementary(values)
+        model, columns, mixing = self.elementary(values, fixed)
         raw = self.integrate(model, own, columns, kept)
         by_own_begin, by_column_begin = self.beginning(own, model, columns)
         raw = chained(raw, self.starts, by_own_begin, by_column_begin)
         residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
-        shared_columns = self.shared_columns(values, raw, mixing)
+        shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, mixing)
         local_mixing = self.local_mixing(columns, model)
         wide = np.concatenate([self.local_columns(values, raw, local_mixing), shared_columns, residual[None]])
         own_own, own_wide = self.window_products(values, raw, kept, wide)
@@ -358,20 +384,21 @@ class Recorded:
         products = flat @ flat.T
         e_own, e_shared = self.gap_columns(raw, own.size, by_own_begin, by_column_begin, mixing, local_mixing)
         g, m, count = gaps.ravel(), self.windows * kept, self.locals
-        beliefs = np.concatenate([np.ones(2), np.zeros(len(self.lines))])
+        off, precision = self.beliefs(own)
         hessian = e_own.T @ e_own
         hessian[:m, :m] += own_own
         hessian[:m, m:] += own_wide[:, :count]
         hessian[m:, :m] += own_wide[:, :count].T
-        hessian[m:, m:] += products[:count, :count] + np.diag(beliefs)
-        scale = np.append(np.diag(own_own), np.diag(products)[:count] + beliefs)
+        hessian[m:, m:] += products[:count, :count]
+        hessian += np.diag(precision)
+        scale = np.append(np.diag(own_own), np.diag(products)[:count]) + precision
         cross = e_own.T @ e_shared
         cross[:m] += own_wide[:, count:-1]
         cross[m:] += products[:count, count:-1]
         by_own = e_own.T @ g - np.append(own_wide[:, -1], products[:count, -1])
-        by_own[m:] += beliefs * own[m:]
+        by_own += precision * off
         return Quadratic(
-            0.5 * float(products[-1, -1] + g @ g + own[m : m + 2] @ own[m : m + 2]),
+            0.5 * float(products[-1, -1] + g @ g + precision @ off**2),
             by_own,
             e_shared.T @ g - products[count:-1, -1],
             hessian,
@@ -411,7 +438,7 @@ class Recorded:
         change = by_column_begin[1:] - raw.ends_by_column[:-1, :, :kept]
         first = self.windows * kept
         by_own[:, :, first : first + 2] = np.einsum("wes,ek->wsk", change, local_mixing)
-        by_shared = np.einsum("wes,ep->wsp", change, mixing) * self.widths
+        by_shared = np.einsum("wes,ep->wsp", change, mixing) * self.widths[: mixing.shape[1]]
         return (
             (by_own / over[:, None]).reshape(-1, own),
             (by_shared / over[:, None]).reshape(pairs * kept, -1),
@@ -458,10 +485,10 @@ class Recorded:
         """Samples over which sensors and noise model remember."""
         return 10**9 if self.coloured or self.hypothesis.remembers else REACH
 
-    def elementary(self, values: Floats) -> tuple[Model, Columns, Floats]:
+    def elementary(self, values: Floats, fixed: bool) -> tuple[Model, Columns, Floats]:
         """The model, by what the motion is differentiated, and (columns, parameters) what that makes of each."""
         model = self.hypothesis.model(values, self.scene)
-        by_scalar, tables = self.differentiated(values, model)
+        by_scalar, tables = (np.zeros((SCALARS, 0)), []) if fixed else self.differentiated(values, model)
         columns, mixing = mixed(by_scalar, tables)
         if model.impacts > 0.0 and np.any(model.tables[COMPACTION]):
             # the number of impacts before, last
@@ -501,23 +528,26 @@ class Recorded:
 
     def shared_columns(self, values: Floats, raw: Raw, mixing: Floats) -> Floats:
         """(parameters, 2, judged) by what the reading changes with each parameter, over noise and width."""
-        n = raw.said.shape[1]
-        moved = (mixing.T @ raw.by_column.transpose(1, 0, 2).reshape(raw.by_column.shape[1], -1)).reshape(-1, 2, n)
+        n = self.data.force.size
+        columns = raw.by_column.transpose(1, 0, 2).reshape(raw.by_column.shape[1], -1)
+        moved = (mixing.T @ columns).reshape(-1, 2, n * self.over)
         moved = self.sampled(values, self.hypothesis.sense(values, moved, self.scene))
+        slow = self.scene._replace(rate=self.data.rate)
+        read = self.read(values, raw.said)
         first = 0
         for i, (term, own) in enumerate(zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True)):
-            if term.senses:
-                split = self.hypothesis.split(values)
-                read = self.read(values, raw.said)
-                linear = type(term).sense is Term.sense and type(term).kernel is Term.kernel
-                for j in range(own.size):
-                    step = 1e-4 * term.unknowns[j].width
-                    split[i] = own.copy()
-                    split[i][j] += step
-                    if linear and term.is_silent(own, split[i], self.scene):
-                        continue
-                    at = np.concatenate(split)
-                    moved[first + j] += (self.read(at, raw.said) - read) / step
+            split = self.hypothesis.split(values)
+            adds = type(term).sense is Term.sense and type(term).kernel is Term.kernel
+            for j in range(own.size if term.senses else 0):
+                step = 1e-4 * term.unknowns[j].width
+                split[i] = own.copy()
+                split[i][j] += step
+                if adds:
+                    before, after = (term.add(each, slow, n, int(self.data.starts[0])) for each in (own, split[i]))
+                    if before is not None and after is not None:
+                        moved[first + j] += (after - before) / step
+                else:
+                    moved[first + j] += (self.read(np.concatenate(split), raw.said) - read) / step
             first += own.size
         return self.weighed(moved[:, :, self.judged]) * self.widths[:, None, None]
 

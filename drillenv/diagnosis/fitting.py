@@ -11,7 +11,7 @@ import numpy as np
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import STATE_WIDTHS, Recorded, no_columns
+from drillenv.diagnosis.drill import Recorded, no_columns
 from drillenv.diagnosis.laws import axes_of
 from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, quantum
 from drillenv.diagnosis.predict import STATES
@@ -124,13 +124,6 @@ def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
 
     each: Callable = map if pool is None else pool.map
     return list(each(estimated, fitted.blocks, fitted.fit.own))
-
-
-def first_states(data: Conditioned, damping: float) -> Floats:
-    """Own unknowns of a recording as conditioning guesses them."""
-    force, v1, v2, w = data.states[:, :4].T
-    states = np.column_stack([force, damping * (v1 - v2), v2, w])
-    return np.append((states / STATE_WIDTHS[:4]).ravel(), [0.0, 0.0])
 
 
 def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -14,7 +15,7 @@ from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import NUMBERS, Curve, Equation, Family, Gain, equations
-from drillenv.diagnosis.predict import GRID, PLACES, SCALARS
+from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import Hypothesis, Model, Term
@@ -88,46 +89,84 @@ def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
     return model
 
 
-def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[Floats]:
-    """Parameters with which an equation comes nearest to the free law, from each of its starts, the best first."""
+def absorbed(place: int, model: Model, axes: Axes, off: Floats) -> dict[str, float]:
+    """What a change (GRID,) of a place's table amounts to as a change of constants, in their units."""
+    x, s = axes.points(place), model.s
+    if place == predict.LOADING:
+        return {"loading_stiffness": float(off.mean()) * s[predict.K_L]}
+    if place == predict.UNLOADING:
+        return {"unloading_stiffness": float(off.mean()) * s[predict.K_L] * s[predict.RATIO]}
+    constant = {predict.SPRING: "stiffness", predict.SPRING_FROM_REST: "stiffness", predict.DAMPER: "damping"}
+    if place not in constant:
+        return {}
+    return {constant[place]: float(np.polynomial.polynomial.polyfit(x, off, 1)[1])}
+
+
+def precision_of(fitted: Fitted, family: Family) -> Floats:
+    """(m, m) lower Cholesky factor of the precision of constants and a family's parameters, all others at their best.
+
+    In the solver's units.
+    """
+    names = {each.name for each in (fitted.hypothesis.terms[0], *family.terms)}
+    terms = fitted.hypothesis.terms
+    inside = np.repeat([each.name in names for each in terms], [len(each.unknowns) for each in terms])
+    covariance = fitted.fit.covariance[np.ix_(inside, inside)]
+    precision = np.linalg.pinv(covariance, hermitian=True) + 1e-9 * np.eye(len(covariance))
+    return np.asarray(np.linalg.cholesky(precision), dtype=float)
+
+
+def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[tuple[Floats, Floats]]:
+    """Constants and parameters with which an equation comes nearest to the free law, from each start, the best first.
+
+    Nearest by the quadratic of the log-likelihood about the free fit, so that a law counts where recordings say
+    something of it. Constants move with it: a free law leaves to them what they can take up, an equation need not.
+    """
     scenes = [each.scene for each in fitted.blocks]
     found = [law_of(fitted, family.terms, scene) for scene in scenes]
-    axes = fitted.hypothesis.axes
-    constants = fitted.hypothesis.terms[0]
+    axes, constants = fitted.hypothesis.axes, fitted.hypothesis.terms[0]
     own = fitted.hypothesis.split(fitted.values)[0]
-    known = {term.place: term.basis for term in family.terms if isinstance(term, Curve)}
-    low = np.array([each.low for each in equation.unknowns])
-    high = np.array([each.high for each in equation.unknowns])
-    width = np.array([each.width for each in equation.unknowns])
+    curves = {term.place: np.linalg.pinv(term.basis.T) for term in family.terms if isinstance(term, Curve)}
+    widths = {term.place: np.array([each.width for each in term.unknowns]) for term in family.terms
+              if isinstance(term, Curve)}  # fmt: skip
+    factor = precision_of(fitted, family) if curves else None
+    names = [each.name for each in constants.unknowns]
+    width = np.array([each.width for each in (*constants.unknowns, *equation.unknowns)])
+    count = own.size
 
     def misfit(scaled: Floats) -> Floats:
-        rows = []
+        values, rows = scaled * width, []
+        tables = np.zeros((PLACES, GRID))
         for model, scene in zip(found, scenes, strict=True):
             tried = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
-            constants.contribute(own, tried, scene, axes)
-            equation.contribute(scaled * width, tried, scene, axes)
-            for place, basis in known.items():
-                off = tried.tables[place] - model.tables[place]
-                # what the free law leaves to the constants is no difference
-                inside = basis @ off / GRID
-                size = float(np.sqrt(np.mean(model.tables[place] ** 2))) or 1.0
-                rows.append(inside / size)
+            constants.contribute(values[:count], tried, scene, axes)
+            equation.contribute(values[count:], tried, scene, axes)
+            tables += (tried.tables - model.tables) / len(scenes)
             for i in (*NUMBERS.values(), predict.F_A):
                 if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
                     rows.append(np.atleast_1d(np.log(max(tried.s[i], 1e-12) / model.s[i])))
-        return np.concatenate(rows)
+        if factor is None:
+            return np.concatenate([*rows, 1e-2 * (scaled[:count] - own / width[:count])])
+        change = values[:count] - own
+        for place in curves:
+            for name, by in absorbed(place, found[0], axes, tables[place]).items():
+                change[names.index(name)] += by
+        parts = [curves[place] @ tables[place] / widths[place] for place in curves]
+        return factor.T @ np.concatenate([change / width[:count], *parts])
 
+    bounds = [(each.low, each.high) for each in (*constants.unknowns, *equation.unknowns)]
+    low, high = (np.array(each) / width for each in zip(*bounds, strict=True))
     made = []
-    for start in equation.form.starts:
-        at = np.clip(np.array(start), low, high) / width
-        result = least_squares(misfit, at, bounds=(low / width - 1e-12, high / width + 1e-12), max_nfev=60)
-        made.append((float(result.cost), result.x * width))
+    stated = np.array([each.value for each in constants.unknowns])
+    for begun, start in product((own, stated), equation.form.starts):
+        at = np.clip(np.append(begun, start) / width, low, high)
+        result = least_squares(misfit, at, bounds=(low - 1e-12, high + 1e-12), max_nfev=100)
+        made.append((float(result.cost), result.x))
     made.sort(key=lambda each: each[0])
     chosen = [made[0][1]]
     for _, values in made[1:]:
-        if len(chosen) < STARTS and all(np.max(np.abs(values - each) / width) > 0.2 for each in chosen):
+        if len(chosen) < STARTS and all(np.max(np.abs(values - each)[count:]) > 0.2 for each in chosen):
             chosen.append(values)
-    return chosen
+    return [(each[:count], each[count:]) for each in chosen]
 
 
 def places_of(family: Family) -> tuple[list[int], list[str]]:
@@ -141,15 +180,23 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
     return places, numbers
 
 
-def rivals(fitted: Fitted, family: Family) -> list[tuple[Term, list[Floats]]]:
-    """The library's equations that could stand for a family's law, with where to begin."""
+def rivals(fitted: Fitted, family: Family) -> list[tuple[Term, list[tuple[Floats, Floats]]]]:
+    """The library's equations that could stand for a family's law, with where constants and parameters begin.
+
+    Both are in the solver's units.
+    """
     if isinstance(family.terms[0], Sensor):
         names = [block.scene.name for block in fitted.blocks]
         rate = min(block.data.rate for block in fitted.blocks)
         every = [each for each in textbook_sensors(names, rate) if each.name in SENSORS[family.group]]
         if family.group == "mains-hum":
             every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
-        return [(each, sensor_starts(fitted, family, each, rate)) for each in every]
+        constants = fitted.fit.shared[: len(fitted.hypothesis.terms[0].unknowns)]
+        starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
+        return [
+            (each, [(constants, values / np.array([one.width for one in each.unknowns])) for values in begun])
+            for each, begun in starts
+        ]
     return [(each, starts_of(fitted, family, each)) for each in equations(*places_of(family))]
 
 
@@ -197,10 +244,9 @@ def name_law(
         if term in rest.terms
     ]
     for equation, starts in rivals(fitted, family):
-        for values in starts:
+        for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
-            width = np.array([each.width for each in equation.unknowns])
-            start = np.concatenate([*kept, values / width])
+            start = np.concatenate([constants, *kept[1:], values])
             other = fit_to(data, hypothesis, start, fitted.fit.own, pool, (fitted.weight,), THOROUGH, fitted.noise)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
@@ -31,6 +32,8 @@ VISIBLE = 0.03
 SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(25, 0.5, 0.003)
 FAINT = 0.05
 """The same for families with states of their own, whose gain at zero strength says little."""
+UNCONFIRMED = 0.1
+"""Share of a gain that may be lost on recordings that are left out."""
 NEAR = 0.25
 """Share of the best score test's gain from which a family is a candidate."""
 
@@ -43,10 +46,58 @@ class Score(NamedTuple):
     """In log-likelihood."""
     freedom: int
     p: float
+    elsewhere: float
+    """The gain on recordings that are left out: see :meth:`Information.gain_elsewhere`."""
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether recordings that are left out gain too, or at least lose next to nothing.
+
+        Parameters that each recording has of its own, and those that one recording alone tells, gain nothing elsewhere.
+        """
+        return self.elsewhere > -UNCONFIRMED * self.gain
 
 
-def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> tuple[Floats, Floats]:
-    """Gradient and Hessian by the parameters of more terms, at their start, all that is fitted already eliminated."""
+class Information(NamedTuple):
+    """The log-likelihood near a fit, by all that is fitted (k) and parameters of more terms, by recordings."""
+
+    gradients: Floats
+    """(recordings, parameters)."""
+    hessians: Floats
+    """(recordings, parameters, parameters)."""
+    prior_gradient: Floats
+    prior_precision: Floats
+    known: int
+    """k."""
+
+    def reduced(self) -> tuple[Floats, Floats]:
+        """Gradient and Hessian by the parameters of more terms, all that is fitted already at its best."""
+        k = self.known
+        gradient = self.gradients.sum(axis=0) + self.prior_gradient
+        hessian = self.hessians.sum(axis=0) + np.diag(self.prior_precision)
+        solved = np.linalg.solve(hessian[:k, :k], np.column_stack([gradient[:k], hessian[:k, k:]]))
+        return gradient[k:] - hessian[k:, :k] @ solved[:, 0], hessian[k:, k:] - hessian[k:, :k] @ solved[:, 1:]
+
+    def gain_elsewhere(self, inside: NDArray[np.int64]) -> float:
+        """Log-likelihood that some of the parameters gain on each recording where the others say their values.
+
+        What is there gains on recordings that were left out; what only takes up misfit of another kind does not.
+        """
+        total = 0.0
+        with_them = np.concatenate([np.arange(self.known), inside])
+        for left_out in range(len(self.gradients)):
+            rest = np.arange(len(self.gradients)) != left_out
+            gradient = self.gradients[rest].sum(axis=0) + self.prior_gradient
+            hessian = self.hessians[rest].sum(axis=0) + np.diag(self.prior_precision)
+            for at, sign in ((with_them, 1.0), (np.arange(self.known), -1.0)):
+                step = -np.linalg.solve(hessian[np.ix_(at, at)], gradient[at])
+                own = self.gradients[left_out][at], self.hessians[left_out][np.ix_(at, at)]
+                total -= sign * float(own[0] @ step + 0.5 * step @ own[1] @ step)
+        return total
+
+
+def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Information:
+    """By the parameters of more terms, at their start, all recordings' own unknowns eliminated."""
     hypothesis = Hypothesis(fitted.hypothesis.terms + tuple(terms), fitted.hypothesis.axes)
     known = fitted.fit.shared.size
     unknowns = hypothesis.unknowns
@@ -56,18 +107,17 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> tuple[
     def quadratic(block: Recorded, own: Floats):
         kept = kept_of(own, block.windows)
         own = resized(own, block.windows, max(size, kept), kept, len(block.lines))
-        return replace(block, hypothesis=hypothesis, least_size=size).quadratic(shared, own)
+        return eliminated(replace(block, hypothesis=hypothesis, least_size=size).quadratic(shared, own), 0.0)[:2]
 
-    reduced = [eliminated(each, 0.0) for each in pool.map(quadratic, fitted.blocks, fitted.fit.own)]
-    gradient = np.sum([each[0] for each in reduced], axis=0)
-    hessian = np.sum([each[1] for each in reduced], axis=0)
+    reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
     weights = fitted.priors.weights(fitted.fit.shared)
-    gradient[:known] += weights * (fitted.fit.shared - fitted.priors.centre)
-    hessian[:known, :known] += np.diag(weights)
-    solved = np.linalg.solve(hessian[:known, :known], np.column_stack([gradient[:known], hessian[:known, known:]]))
-    return (
-        gradient[known:] - hessian[known:, :known] @ solved[:, 0],
-        hessian[known:, known:] - hessian[known:, :known] @ solved[:, 1:],
+    more = np.array([(each.width / each.std) ** 2 for each in unknowns[known:]])
+    return Information(
+        np.array([each[0] for each in reduced]),
+        np.array([each[1] for each in reduced]),
+        np.append(weights * (fitted.fit.shared - fitted.priors.centre), np.zeros(more.size)),
+        np.append(weights, more),
+        known,
     )
 
 
@@ -82,8 +132,8 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     scores, smallest = [], np.ones(20000)
     rng = np.random.default_rng(seed)
     for batch in batches:
-        terms = [term for each in batch for term in each.terms]
-        gradient, hessian = information(fitted, terms, pool)
+        known = information(fitted, [term for each in batch for term in each.terms], pool)
+        gradient, hessian = known.reduced()
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         gradient, hessian = gradient / scale, hessian / scale[:, None] / scale
         power, modes = np.linalg.eigh(hessian)
@@ -91,13 +141,15 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
         first = 0
         for each in batch:
             at = slice(first, first + each.size)
+            inside = known.known + np.arange(at.start, at.stop)
             first += each.size
             own, axes = np.linalg.eigh(hessian[at, at])
             kept = own > 1e-7
             turned = axes[:, kept] / np.sqrt(own[kept])
             freedom = int(kept.sum())
             gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
-            scores.append(Score(each, gain, freedom, float(chi2.sf(2.0 * gain, freedom))))
+            elsewhere = known.gain_elsewhere(inside)
+            scores.append(Score(each, gain, freedom, float(chi2.sf(2.0 * gain, freedom)), elsewhere))
             chance = chi2.sf(((drawn[:, at] @ turned) ** 2).sum(axis=1), freedom)
             smallest = np.minimum(smallest, chance)
     return sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS))
@@ -156,16 +208,23 @@ Say = Callable[[str], object]
 
 
 def forward(
-    data: Sequence[Conditioned], fitted: Fitted, pool: Executor, say: Say = lambda _: None
+    data: Sequence[Conditioned],
+    fitted: Fitted,
+    pool: Executor,
+    say: Say = lambda _: None,
+    before: Sequence[Step] = (),
 ) -> tuple[Fitted, list[Step], list[Score]]:
-    """Add families as long as one is called for, then leave out those that the others make needless."""
-    steps: list[Step] = []
-    explained = 0.0
+    """Add families as long as one is called for, then leave out those that the others make needless.
+
+    ``before`` are steps that the fit has taken already.
+    """
+    steps = list(before)
+    explained = max((each.gain for each in steps), default=0.0)
     while True:
         tried = [each for each in candidates(fitted) if each.group not in {step.family.group for step in steps}]
         scores, level = score_tests(fitted, tried, pool)
         least = LAW_ERROR**2 * explained
-        best = ", ".join(f"{each.family.name} {each.gain:.1f}" for each in scores[:4])
+        best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
         chosen = shortlist(scores, level, least, fitted.per_freedom > CLOSE)
         step = None
@@ -184,7 +243,7 @@ def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) ->
     What has states of its own resonates: its gain at zero strength says little of that at another. So the best of
     each such mechanism is fitted too where the model is ``far`` off.
     """
-    called = [each for each in scores if each.p < level and each.gain > least]
+    called = [each for each in scores if each.p < level and each.gain > least and each.confirmed]
     chosen: list[Score] = []
     for each in called:
         same = [other for other in chosen if other.family.group == each.family.group]

@@ -81,11 +81,6 @@ class Term:
         """(2, n) what sensors read too much whatever the motion, ``first`` being the first sample that is simulated."""
         return None
 
-    def is_silent(self, values: Floats, other: Floats, scene: Scene) -> bool:
-        """Whether a recording is alike with other values of a term that only adds."""
-        one, two = (self.add(each, scene, 64) for each in (values, other))
-        return one is None or two is None or bool(np.array_equal(one, two))
-
     def kernel(self, values: Floats, over: int) -> Floats | None:
         """Of a logger's filter, on a grid so many times as fine as the samples."""
         return None

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.condition import Conditioned, condition
+from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import Recorded, no_columns
+from drillenv.diagnosis.drill import Recorded, first_states, no_columns
 from drillenv.diagnosis.fitting import (
     CLOSE,
     WEIGHTS,
     Fitted,
     Noise,
     axes_at,
-    first_states,
     fit_to,
     noise_left,
     noise_of,
@@ -42,6 +42,9 @@ LEFT = 0.03
 """Over-dispersion, as a share of the noise's power, up to which nothing is left to explain."""
 LEFT_OF_ALL = 0.05
 """The same as a share of what the paper's model leaves beyond the noise: what a law of 5 % error in places leaves."""
+STRETCH = 16
+"""Windows of each recording by which families are told from each other, before all of it is fitted: about as many
+periods, in which a rig that runs repeats itself several times."""
 CORES = 2
 
 
@@ -82,21 +85,32 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         entry = campaign.nominal.get(name)
         if entry is None or entry.value is None or entry.std is None:
             raise InputError(f"nominal lacks {name}: give its value and standard deviation, which the model needs")
-    data = [condition(each, nominal_rig(campaign)) for each in campaign.recordings]
+    rig = nominal_rig(campaign)
+    data = [condition(each, rig) for each in campaign.recordings]
+    late = common_lag(data, rig)
+    if late != 0.0:
+        data = [condition(each, rig, late) for each in campaign.recordings]
     held = held_out(data)
     fit_data = [each for i, each in enumerate(data) if i not in held]
     held_data = [each for i, each in enumerate(data) if i in held]
-    with ThreadPoolExecutor(CORES) as pool:
+    # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
+    with threadpool_limits(1), ThreadPoolExecutor(CORES) as pool:
         say("fitting the paper's model")
-        plain = plain_fit(campaign, fit_data, pool)
-        say(f"reduced chi-square {plain.per_freedom:.3f}")
-        final, steps, scores = forward(fit_data, plain, pool, say)
-        named = [step.named for step in steps]
+        begun = plain_fit(campaign, [each.first(STRETCH) for each in fit_data], pool)
+        say(f"reduced chi-square {begun.per_freedom:.3f}")
+        stretches = [block.data for block in begun.blocks]
+        found, steps, scores = forward(stretches, begun, pool, say)
+        say("fitting whole recordings")
+        whole = extended(fit_data, found, pool)
+        say(f"reduced chi-square {whole.per_freedom:.3f}")
+        final, steps, scores = forward(fit_data, whole, pool, say, steps)
         final = polished(fit_data, final, pool)
-        before = evaluated(held_data, plain, final, pool)
-        after = evaluated(held_data, final, final, pool)
+        plain = whole if found is begun else resettled(fit_data, begun, final, pool)
+        after = evaluated(held_data, final, pool)
+        before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
     chi = (chi_square(before), chi_square(after)) if held_data else None
     verdict = decided(plain, final, steps, chi)
+    named = [step.named for step in steps]
     return Outcome(verdict, fit_data, held_data, plain, final, steps, named, scores, chi, (before, after))
 
 
@@ -118,7 +132,7 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     """The paper's model with its constants, and the noise as it shows by that."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
     hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat)
-    own = [first_states(each, float(campaign.nominal["damping"].value or 0.0)) for each in data]
+    own = [first_states(each) for each in data]
     found = fit_to(data, hypothesis, None, own, pool, WEIGHTS, Limits(10, 1.0, 0.05))
     hypothesis = Hypothesis(hypothesis.terms, axes_at(found, pool))
     noise = noise_left(found, pool) if found.per_freedom < CLOSE else found.noise
@@ -135,38 +149,57 @@ def polished(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fit
     )
 
 
-def evaluated(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> list[Settled]:
-    """Recordings that were left out by a fitted model: only their own unknowns are fitted.
+def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
+    """A model that was fitted to stretches of recordings, fitted to all of them."""
+    if all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True)):
+        return fitted
+    there = evaluated(data, fitted, pool)
+    noise = [each.block.noise for each in there]
+    own = [each.own for each in there]
+    limits = Limits(10, 0.5, 0.003)
+    return fit_to(data, fitted.hypothesis, fitted.fit.shared, own, pool, (fitted.weight,), limits, noise)
 
-    Their noise is what ``best`` leaves of them, for both models alike.
-    """
-    noise = left_out_noise(data, best, pool)
+
+def resettled(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
+    """A model fitted to stretches on all of the recordings, its shared parameters as they are."""
+    there = evaluated(data, fitted, pool, best.noise)
+    own = [each.own for each in there]
+    blocks = [each.block for each in there]
+    cost = sum(block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True))
+    return Fitted(fitted.hypothesis, blocks, replace(fitted.fit, own=own, cost=cost), fitted.priors)
+
+
+def evaluated(
+    data: Sequence[Conditioned], fitted: Fitted, pool: Executor, noise: Sequence[Noise] | None = None
+) -> list[Settled]:
+    """Recordings with only their own unknowns fitted; their noise, where it is not given, is what the model leaves."""
+    levels = [noise_of(each) for each in data] if noise is None else noise
 
     def settle(each: Conditioned, level: Noise) -> Settled:
-        return settled_block(each, fitted, level)
+        there = settled_block(each, *with_own_lines(fitted, level))
+        return there if noise is not None else with_noise_left(there, fitted)
 
-    return list(pool.map(settle, data, noise))
+    return list(pool.map(settle, data, levels))
 
 
-def left_out_noise(data: Sequence[Conditioned], best: Fitted, pool: Executor) -> list[Noise]:
-    """Noise of recordings that were left out, as the best model's residuals show it."""
-
-    def level(each: Conditioned) -> Noise:
-        block, own, shared = settled_block(each, best, noise_of(each))
-        left = Fitted(block.hypothesis, [block], replace(best.fit, shared=shared, own=[own]), best.priors)
-        if 2.0 * block.cost(shared, own) / block.measured[:, block.judged].size > CLOSE:
-            return noise_of(each)
-        return noise_left(left, None)[0]
-
-    return list(pool.map(level, data))
+def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
+    """The same with the noise that a model leaves, where it comes close to the recording."""
+    block, own, shared = there
+    if 2.0 * block.cost(shared, own) / block.measured[:, block.judged].size > CLOSE:
+        return there
+    left = Fitted(block.hypothesis, [block], replace(fitted.fit, shared=shared, own=[own]), fitted.priors)
+    noise = noise_left(left, None)[0]
+    if fitted.hypothesis.terms != block.hypothesis.terms:
+        noise = with_own_lines(fitted, noise)[1]
+    again = replace(block, noise=noise)
+    begun = np.append(own[: own.size - len(block.lines)], np.zeros(len(again.lines)))
+    return Settled(again, again.settled(shared, begun), shared)
 
 
 def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
-    """A recording's block with its own unknowns at their best; of a hum, whose phase no other recording tells, too."""
-    fitted, level = with_own_lines(fitted, level)
+    """A recording's block with its own unknowns at their best."""
     size = predict.STATES if any(term.remembers for term in fitted.hypothesis.terms) else 4
-    damping = float(fitted.values[NAMES.index("damping")])
-    own = resized(first_states(each, damping), len(each.starts) - 1, size, 4, 0)
+    own = resized(first_states(each), len(each.starts) - 1, size, 4, 0)
     shared = fitted.fit.shared
     for weight in [one for one in WEIGHTS if one >= fitted.weight]:
         block = Recorded(each, fitted.hypothesis, weight, level, size)
@@ -174,9 +207,9 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
             own = block.chained(shared, own)
         else:
             own = np.append(own[: block.windows * size + 2], np.zeros(len(block.lines)))
-        own = block.settled(shared, own, 12)
-        own = block.restarted(shared, own)
-        own = block.settled(shared, own, 6)
+        own = block.settled(shared, own)
+        again = block.restarted(shared, own)
+        own = own if again is own else block.settled(shared, again)
     return Settled(block, own, shared)
 
 

@@ -6,7 +6,6 @@ import pytest
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import of_library
 from drillenv.diagnosis.condition import (
-    Conditioned,
     acceleration_level,
     common_lag,
     condition,
@@ -14,8 +13,6 @@ from drillenv.diagnosis.condition import (
     flight_reading,
     flights,
 )
-from drillenv.diagnosis.decide import nominal_hypothesis
-from drillenv.diagnosis.fit import NEARBY, Workers, fit
 from drillenv.rig import Rig
 
 RATE, NOISE = 25600.0, 5.0
@@ -113,22 +110,11 @@ def test_a_lag_that_recordings_share_is_told_whatever_their_sample_rates(late, f
     assert common_lag(data, rig) == pytest.approx(found, rel=0.02, abs=5e-7)
 
 
-@pytest.fixture(scope="module")
-def fitted():
-    """Recordings with nothing missing, and the fit."""
+def test_its_first_windows_are_those_of_the_recording():
     made = plain_campaign(np.random.default_rng(4), 4, recordings=3, seconds=0.2)
-    hypothesis = nominal_hypothesis(made.campaign)
-    rig = Rig(**{each.name: each.value for each in hypothesis.constants[:6]})
-    data: list[Conditioned] = [condition(each, rig).thinned(4) for each in made.campaign.recordings]
-    workers = Workers()
-    yield data, hypothesis, workers, fit(data, hypothesis, workers)
-    workers.close()
-
-
-def test_a_window_led_astray_finds_back(fitted):
-    data, hypothesis, workers, best = fitted
-    astray = [each.copy() for each in best.states]
-    # so far off the rock that it comes down after the blow
-    astray[0][2, 3] = -5e-4
-    found = fit(data, hypothesis, workers, best.values, astray, NEARBY)
-    assert found.cost == pytest.approx(best.cost, abs=1.0)
+    whole = condition(made.campaign.recordings[0], Rig())
+    part = whole.first(5)
+    assert np.array_equal(part.starts, whole.starts[:6])
+    assert np.array_equal(part.states, whole.states[:5])
+    assert part.force.size == part.acceleration.size == whole.starts[5]
+    assert whole.first(1000) is whole

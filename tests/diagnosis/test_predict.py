@@ -41,9 +41,9 @@ class Bench:
             np.arcsinh(np.full(P.PLACES, -0.1)),
             np.full(P.PLACES, 2.0 * np.arcsinh(0.1) / (P.GRID - 1)),
         )
-        force, v1, v2, w = self.data.states[:, :4].T
+        force, damper, v2, w = self.data.states.T
         self.begin = np.zeros((len(self.data.starts) - 1, P.STATES))
-        self.begin[:, :4] = np.column_stack([force / rig.stiffness, v1, v2, w])
+        self.begin[:, :4] = np.column_stack([force / rig.stiffness, v2 + damper / rig.damping, v2, w])
 
     def run(self, s=None, tables=None, columns=None, states=0, begin=None, size=4):
         """What the integrator says: force and acceleration, their derivatives, and the windows' ends with theirs."""
