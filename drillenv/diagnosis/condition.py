@@ -34,8 +34,6 @@ LONGEST_LAG = 1e-3
 """Seconds by which a channel may lag to be told at once."""
 EVIDENT, ALIKE = 2.0, 1.0
 """Samples that a lag has at least to be told at once, and by which those of the recordings differ at most."""
-SETTLING = 5e-4
-"""Seconds after the start of a fresh recording in which it is not judged."""
 TOUCH = 6.0
 """Standard deviations of the force's noise above which the indenter is on the rock."""
 MAINS = tuple(around + off for around in (50.0, 60.0) for off in (-0.1, -0.05, 0.0, 0.05, 0.1))

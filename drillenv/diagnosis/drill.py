@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve
 from scipy.signal import upfirdn
 
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.condition import SETTLING, Conditioned
+from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.coupling import (
     closing_speed,
     damper_force,
@@ -28,7 +28,7 @@ from drillenv.diagnosis.coupling import (
     spring_force,
     stiffness_at,
 )
-from drillenv.diagnosis.noise import NoiseModel, line_columns, whiten
+from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
 from drillenv.diagnosis.predict import (
     COMPACTION,
     CURVE,
@@ -114,18 +114,19 @@ class Recorded:
         self.starts = data.starts * self.over
         self.windows = len(data.starts) - 1
         self.inside = slice(int(self.starts[0]), int(self.starts[-1]))
-        # sensors that remember still speak of what was before; a fresh recording, of the moment of its start
-        wait = round(SETTLING * data.rate) if data.fresh else 0
-        if self.hypothesis.remembers:
-            wait = max(wait, int(data.starts[1] - data.starts[0]) // 2)
+        # sensors that remember still speak of what was before, or of the start; the same samples are judged
+        # with and without them, or costs could not be compared
+        wait = int(data.starts[1] - data.starts[0]) // 2
         # nothing is simulated of what the logger's filter would look ahead to
         self.judged = slice(int(data.starts[0]) + wait, int(data.starts[-1]) - REACH)
         self.widths = np.array([each.width for each in self.hypothesis.unknowns])
         self.measured = np.stack([data.force, data.acceleration])
         self.coloured = any(each.corner > 0.0 for each in self.noise)
         n = data.force.size
-        self.lines = [(i, row) for i, each in enumerate(self.noise) for row in line_columns(each, n)]
-        """Channel and shape (n,) of disturbing lines, whose amplitudes are own unknowns."""
+        shapes = [nuisance(each, n) for each in self.noise]
+        self.lines = [(i, row) for i, (rows, _) in enumerate(shapes) for row in rows]
+        """Channel and shape (n,) of disturbing lines and constants, whose sizes are own unknowns."""
+        self.line_precision = np.concatenate([precision for _, precision in shapes])
 
     def weighed(self, signals: Floats) -> Floats:
         """Signals (..., 2, n) as the noise model weighs them: white noise of it has the variance 1."""
@@ -253,6 +254,7 @@ class Recorded:
         precision[:4] = (STATE_WIDTHS[:4] / FIRST_STATE) ** 2
         behind = self.windows * self.state_count(own)
         precision[behind : behind + 2] = 1.0
+        precision[behind + 2 :] = self.line_precision
         return off, precision
 
     def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:

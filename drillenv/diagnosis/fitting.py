@@ -13,19 +13,19 @@ from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded, no_columns
 from drillenv.diagnosis.laws import axes_of
-from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, quantum
+from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, nuisance, quantum
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
 from drillenv.diagnosis.terms import Hypothesis
 
-WEIGHTS = (1e3, 1.0)
-"""Continuation in the standard deviations of the continuity constraints: windows nearly free, then windows that go on
-from each other to within the integrator's error."""
+FREE, JOINED = 1e3, 1.0
+"""Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
+within the integrator's error."""
+GRADUAL = (100.0, 10.0, JOINED)
+"""From one to the other in smaller steps."""
 TAILS = 4.0
 """Degrees of freedom of the constants' priors where windows are joined."""
 FULL = Limits()
-GRADUAL = (100.0, 10.0, 1.0)
-"""The same in smaller steps, where windows that are joined at once do not settle."""
 CLOSE = 1.5
 """Reduced chi-square from which a model is too far off for its windows to be joined further."""
 
@@ -145,7 +145,8 @@ def kept_of(own: Floats, windows: int) -> int:
 
 def fitted_to(own: Floats, windows: int, size: int, level: Noise) -> Floats:
     """Own unknowns with so many states a window, and amplitudes of the lines of a noise model."""
-    return resized(own, windows, size, kept_of(own, windows), sum(2 * len(each.lines) for each in level))
+    lines = sum(len(nuisance(each, 2)[1]) for each in level)
+    return resized(own, windows, size, kept_of(own, windows), lines)
 
 
 def chained(blocks: Sequence[Recorded], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
@@ -160,14 +161,11 @@ def fit_to(
     start: Floats | None,
     own: Sequence[Floats],
     pool: Executor | None,
-    weights: Sequence[float] = WEIGHTS,
+    weight: float,
     limits: Limits = FULL,
     noise: Sequence[Noise] | None = None,
 ) -> Fitted:
-    """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres.
-
-    The continuation in ``weights`` goes on as long as the model is close.
-    """
+    """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block."""
     priors = priors_of(hypothesis)
     shared = priors.centre.copy() if start is None else start
     size = STATES if any(term.remembers for term in hypothesis.terms) else 4
@@ -175,23 +173,36 @@ def fit_to(
     own = [
         fitted_to(each, len(one.starts) - 1, size, level) for each, one, level in zip(own, data, levels, strict=True)
     ]
-    blocks, fit, samples = [], None, 1
-    for weight in weights:
-        if fit is not None and 2.0 * fit.cost / samples > CLOSE:
-            break
-        if fit is not None:
-            own = chained(blocks, fit.shared, own, pool) if len(weights) < 3 else own
-        blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
-        # a model that is close may find that a constant is wrong; one that is far off must not
-        priors = replace(priors, freedom=TAILS if weight == WEIGHTS[-1] else math.inf)
-        samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
-        fit = minimise(blocks, shared, own, priors, limits, pool, samples)
-        own = restarted(blocks, fit, pool)
-        if any(one is not other for one, other in zip(own, fit.own, strict=True)):
-            fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
-        shared, own = fit.shared, fit.own
-    assert fit is not None
+    blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
+    # a model that is close may find that a constant is wrong; one that is far off must not
+    priors = replace(priors, freedom=TAILS if weight == JOINED else math.inf)
+    samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
+    fit = minimise(blocks, shared, own, priors, limits, pool, samples)
+    own = restarted(blocks, fit, pool)
+    if any(one is not other for one, other in zip(own, fit.own, strict=True)):
+        fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
     return Fitted(hypothesis, blocks, fit, priors)
+
+
+def joined(
+    data: Sequence[Conditioned], found: Fitted, pool: Executor, limits: Limits, noise: Sequence[Noise]
+) -> Fitted:
+    """A fit whose windows are nearly free, with windows that go on from each other as closely as the model can.
+
+    At once, or else in small steps, of which the last is kept at which the model still comes close.
+    """
+    if found.weight <= JOINED or found.per_freedom > CLOSE:
+        return found
+    begun = chained(found.blocks, found.fit.shared, found.fit.own, pool)
+    at_once = fit_to(data, found.hypothesis, found.fit.shared, begun, pool, JOINED, limits, noise)
+    if at_once.per_freedom < CLOSE:
+        return at_once
+    for weight in [each for each in GRADUAL if each < found.weight]:
+        further = fit_to(data, found.hypothesis, found.fit.shared, found.fit.own, pool, weight, limits, noise)
+        if further.per_freedom > CLOSE:
+            break
+        found = further
+    return found
 
 
 def restarted(blocks: Sequence[Recorded], fit: Fit, pool: Executor | None) -> list[Floats]:

@@ -32,8 +32,6 @@ PLACE_NAMES = (
     "drive-curve",
 )
 """In the order of the integrator's places."""
-ORDERS = (2, 3, 4, 5)
-"""Multiples of the excitation's frequency that a free waveform has."""
 LOGARITHMS = (predict.LOADING, predict.UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
 NUMBERS = {
@@ -312,7 +310,11 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
         ),
         Family("guide-friction", "guide-friction", (curve("guide", 10.0, predict.GUIDE, half),)),
         Family("indenter-friction", "indenter-friction", (curve("indenter", 10.0, predict.INDENTER, half),)),
-        Family("drive-harmonics", "drive-harmonics", (curve("waveform", 0.05, predict.WAVEFORM, _waves(ORDERS)),)),
+        Family(
+            "drive-harmonics",
+            "drive-harmonics",
+            (curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * detail + 2))),),
+        ),
         Family("force-limit", "force-limit", (curve("drive", 10.0, predict.DRIVE, splines(9), np.ones_like, _itself),)),
         Family(
             "drive-droop",

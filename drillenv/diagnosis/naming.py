@@ -247,7 +247,7 @@ def name_law(
         for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, *kept[1:], values])
-            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, (fitted.weight,), THOROUGH, fitted.noise)
+            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))
     tried.sort(key=lambda pair: pair[1].cost)
@@ -255,7 +255,8 @@ def name_law(
     if not tried:
         return Named(family, family.mechanism, None, []), fitted
     best, found = tried[0]
-    mechanism = effect_of(best)
+    # the nearest equation gives the mechanism its name as long as it explains most of what the law does
+    mechanism = effect_of(best) if found.cost - fitted.cost < 0.5 * gain else family.mechanism
     if isinstance(best, Sensor) and family.group == "accelerometer":
         mechanism = kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate_of(fitted))
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):

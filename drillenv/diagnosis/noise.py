@@ -20,6 +20,8 @@ CAP = 5.0
 """Periodogram ordinates count at most this many times their expectation in a fit of the spectrum."""
 SECTIONS = 6
 """Of the whitening filter, each with one pole and one zero."""
+SLOWER = math.log(1e3)
+"""Logarithm of the range of frequencies below 1 / T over which 1/f noise is taken to go on."""
 MOST_LINES = 8
 FALSE_ALARM = 1e-3
 """Family-wise probability that white noise shows a line."""
@@ -168,6 +170,19 @@ def line_columns(model: NoiseModel, n: int) -> Floats:
     """Sines and cosines of the model's lines, (2 * lines, n), to be fitted as nuisance columns."""
     phase = 2.0 * np.pi * np.outer(model.lines, np.arange(n)) / model.rate
     return np.concatenate([np.sin(phase), np.cos(phase)]).reshape(-1, n)
+
+
+def nuisance(model: NoiseModel, n: int) -> tuple[Floats, Floats]:
+    """Shapes (m, n) beside the noise that is whitened, in units of ``std``, and the (m,) precisions of their sizes.
+
+    Lines, of which nothing is known; and where there is 1/f noise a constant, which is that noise below 1 / T.
+    """
+    rows = line_columns(model, n)
+    precision = np.zeros(len(rows))
+    if model.corner > 0.0:
+        rows = np.vstack([rows, np.ones(n)])
+        precision = np.append(precision, model.rate / (2.0 * model.corner * SLOWER))
+    return rows, precision
 
 
 def _fitted_lines(samples: Floats, lines: Sequence[float], rate: float) -> Floats:

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
-from drillenv.diagnosis.fitting import CLOSE, GRADUAL, WEIGHTS, Fitted, chained, fit_to, kept_of, noise_left, resized
+from drillenv.diagnosis.fitting import CLOSE, Fitted, fit_to, joined, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import Family, families, moved_to
 from drillenv.diagnosis.naming import LAW_ERROR, THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
@@ -169,9 +169,7 @@ def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
         terms.append(other)
         start.append(moved / np.array([each.width for each in other.unknowns]))
     hypothesis = Hypothesis(tuple(terms), axes)
-    return fit_to(
-        data, hypothesis, np.concatenate(start), fitted.fit.own, pool, (fitted.weight,), THOROUGH, fitted.noise
-    )
+    return fit_to(data, hypothesis, np.concatenate(start), fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
 
 
 @dataclass
@@ -193,7 +191,7 @@ def with_family(fitted: Fitted, family: Family, data, pool: Executor, limits: Li
     """The fit with one more family, from its start."""
     hypothesis = Hypothesis(fitted.hypothesis.terms + family.terms, fitted.hypothesis.axes)
     start = np.concatenate([fitted.fit.shared, [each.value / each.width for each in family.unknowns]])
-    return fit_to(data, hypothesis, start, fitted.fit.own, pool, (fitted.weight,), limits, fitted.noise)
+    return fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
 def candidates(fitted: Fitted, detail: int = 1) -> list[Family]:
@@ -269,7 +267,7 @@ def best_step(
         if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
             break
         start = other.fit.shared
-        again = fit_to(data, other.hypothesis, start, other.fit.own, pool, (other.weight,), LONG, fitted.noise)
+        again = fit_to(data, other.hypothesis, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
     fits.sort(key=lambda pair: pair[1].cost)
@@ -283,16 +281,10 @@ def best_step(
 
 def settled(data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say: Say) -> Step:
     """A family that was chosen, with its windows joined, its noise seen anew, and the equation that its law follows."""
-    further = tuple(each for each in WEIGHTS if each < found.weight)
-    if found.per_freedom < CLOSE and further:
-        begun = chained(found.blocks, found.fit.shared, found.fit.own, pool)
-        joined = fit_to(data, found.hypothesis, found.fit.shared, begun, pool, further, THOROUGH, fitted.noise)
-        if joined.per_freedom > CLOSE:
-            # from windows that are nearly free in small steps
-            start = found.fit.shared
-            joined = fit_to(data, found.hypothesis, start, found.fit.own, pool, GRADUAL, THOROUGH, fitted.noise)
-        say(f"  joined: chi-square {joined.per_freedom:.4f}")
-        found = joined if joined.per_freedom < CLOSE else found
+    loose = found.weight
+    found = joined(data, found, pool, THOROUGH, fitted.noise)
+    if found.weight < loose:
+        say(f"  joined: chi-square {found.per_freedom:.4f}")
     gain = max(fitted.cost - found.cost, 1.0)
     named, other = name_law(data, found, family, gain, pool, say)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
@@ -309,7 +301,7 @@ def settled(data, fitted: Fitted, family: Family, found: Fitted, freedom: int, p
             named.equation, other, terms = None, both, joint
     if other.per_freedom < CLOSE:
         noise = noise_left(other, pool)
-        other = fit_to(data, other.hypothesis, other.fit.shared, other.fit.own, pool, (other.weight,), MIDDLING, noise)
+        other = fit_to(data, other.hypothesis, other.fit.shared, other.fit.own, pool, other.weight, MIDDLING, noise)
     form = named.equation.name if named.equation else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return Step(family, gain, freedom, fitted, other, named, terms, [])
@@ -330,7 +322,7 @@ def corrected_equation(
         if term in fitted.hypothesis.terms
     ]
     begun = np.concatenate([*kept, scaled, zeros])
-    both = fit_to(data, hypothesis, begun, other.fit.own, pool, (other.weight,), THOROUGH, other.noise)
+    both = fit_to(data, hypothesis, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
     return both, (equation, *family.terms)
 
 
@@ -349,9 +341,7 @@ def backward(
             for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True)
             if term in rest.terms
         ]
-        other = fit_to(
-            data, rest, np.concatenate(begun), fitted.fit.own, pool, (fitted.weight,), THOROUGH, fitted.noise
-        )
+        other = fit_to(data, rest, np.concatenate(begun), fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
         if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least):
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)

@@ -17,11 +17,12 @@ from drillenv.diagnosis.constants import NAMES, constants, logger
 from drillenv.diagnosis.drill import Recorded, first_states, no_columns
 from drillenv.diagnosis.fitting import (
     CLOSE,
-    WEIGHTS,
+    FREE,
     Fitted,
     Noise,
     axes_at,
     fit_to,
+    joined,
     noise_left,
     noise_of,
     resized,
@@ -133,19 +134,18 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
     hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat)
     own = [first_states(each) for each in data]
-    found = fit_to(data, hypothesis, None, own, pool, WEIGHTS, Limits(10, 1.0, 0.05))
+    found = fit_to(data, hypothesis, None, own, pool, FREE, Limits(10, 1.0, 0.05))
+    found = joined(data, found, pool, Limits(10, 1.0, 0.05), found.noise)
     hypothesis = Hypothesis(hypothesis.terms, axes_at(found, pool))
     noise = noise_left(found, pool) if found.per_freedom < CLOSE else found.noise
-    return fit_to(
-        data, hypothesis, found.fit.shared, found.fit.own, pool, (found.weight,), Limits(10, 0.5, 0.003), noise
-    )
+    return fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, found.weight, Limits(10, 0.5, 0.003), noise)
 
 
 def polished(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
     """The same to the end."""
     noise = noise_left(fitted, pool) if fitted.per_freedom < CLOSE else fitted.noise
     return fit_to(
-        data, fitted.hypothesis, fitted.fit.shared, fitted.fit.own, pool, (fitted.weight,), Limits(15, 0.1), noise
+        data, fitted.hypothesis, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, Limits(15, 0.1), noise
     )
 
 
@@ -157,7 +157,7 @@ def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fit
     noise = [each.block.noise for each in there]
     own = [each.own for each in there]
     limits = Limits(10, 0.5, 0.003)
-    return fit_to(data, fitted.hypothesis, fitted.fit.shared, own, pool, (fitted.weight,), limits, noise)
+    return fit_to(data, fitted.hypothesis, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
 
 
 def resettled(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
@@ -201,9 +201,9 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
     size = predict.STATES if any(term.remembers for term in fitted.hypothesis.terms) else 4
     own = resized(first_states(each), len(each.starts) - 1, size, 4, 0)
     shared = fitted.fit.shared
-    for weight in [one for one in WEIGHTS if one >= fitted.weight]:
+    for weight in dict.fromkeys((FREE, fitted.weight)):
         block = Recorded(each, fitted.hypothesis, weight, level, size)
-        if weight != WEIGHTS[0]:
+        if weight != FREE:
             own = block.chained(shared, own)
         else:
             own = np.append(own[: block.windows * size + 2], np.zeros(len(block.lines)))
