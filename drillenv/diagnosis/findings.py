@@ -155,7 +155,9 @@ def corrected(outcome: Outcome) -> Corrected:
     """The model with what was found: equations as effects, measured laws as tables."""
     values = dict(zip(NAMES, outcome.final.values, strict=False))
     rig = Rig(*(float(values[name]) for name in NAMES[:6]))
-    rock = Rock(float(values[NAMES[6]]), float(values[NAMES[7]]), name="corrected")
+    loading, unloading = (float(values[name]) for name in NAMES[6:])
+    # where a law says most of the unloading, its constant may come out below: such a rock would give energy away
+    rock = Rock(loading, max(loading, unloading), name="corrected")
     effects: list[Chosen] = []
     for step in outcome.steps:
         equation = step.named.equation

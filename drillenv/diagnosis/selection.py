@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -74,7 +74,7 @@ class Information(NamedTuple):
         """Gradient and Hessian by the parameters of more terms, all that is fitted already at its best."""
         k = self.known
         gradient = self.gradients.sum(axis=0) + self.prior_gradient
-        hessian = self.hessians.sum(axis=0) + np.diag(self.prior_precision)
+        hessian = regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
         solved = np.linalg.solve(hessian[:k, :k], np.column_stack([gradient[:k], hessian[:k, k:]]))
         return gradient[k:] - hessian[k:, :k] @ solved[:, 0], hessian[k:, k:] - hessian[k:, :k] @ solved[:, 1:]
 
@@ -88,12 +88,18 @@ class Information(NamedTuple):
         for left_out in range(len(self.gradients)):
             rest = np.arange(len(self.gradients)) != left_out
             gradient = self.gradients[rest].sum(axis=0) + self.prior_gradient
-            hessian = self.hessians[rest].sum(axis=0) + np.diag(self.prior_precision)
+            hessian = regular(self.hessians[rest].sum(axis=0) + np.diag(self.prior_precision))
             for at, sign in ((with_them, 1.0), (np.arange(self.known), -1.0)):
                 step = -np.linalg.solve(hessian[np.ix_(at, at)], gradient[at])
                 own = self.gradients[left_out][at], self.hessians[left_out][np.ix_(at, at)]
                 total -= sign * float(own[0] @ step + 0.5 * step @ own[1] @ step)
         return total
+
+
+def regular(hessian: Floats) -> Floats:
+    """A Hessian that can be solved where recordings say nothing of a parameter."""
+    own = np.diag(hessian)
+    return hessian + np.diag(1e-10 * own + 1e-12 * own.max())
 
 
 def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Information:
@@ -217,29 +223,44 @@ def forward(
     ``before`` are steps that the fit has taken already.
     """
     steps = list(before)
-    explained = max((each.gain for each in steps), default=0.0)
     while True:
-        tried = [each for each in candidates(fitted) if each.group not in {step.family.group for step in steps}]
+        measured = {step.family.group for step in steps if step.named.equation is None}
+        named = {step.family.group for step in steps} - measured
+        # of a mechanism that follows an equation, a free law may still correct it
+        tried = [
+            each
+            for each in candidates(fitted)
+            if each.group not in measured and not (each.remembers and each.group in named)
+        ]
         scores, level = score_tests(fitted, tried, pool)
-        least = LAW_ERROR**2 * explained
+        least = errors_of_laws(fitted, steps)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        chosen = shortlist(scores, level, least, fitted.per_freedom > CLOSE)
+        chosen = shortlist(scores, level, least)
         step = None
         if chosen and len(steps) < MOST:
-            step = best_step(data, fitted, chosen, level, pool, say)
+            step = best_step(data, fitted, chosen, level, pool, say, named)
         if step is None:
             return (*backward(data, fitted, steps, level, pool, say), scores)
-        steps.append(step)
-        explained = max(explained, step.gain)
+        corrected = next((each for each in steps if each.family.group == step.family.group), None)
+        if corrected is None:
+            steps.append(step)
+        else:
+            corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
         fitted = step.after
 
 
-def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) -> list[Score]:
+def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
+    """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most all that is left."""
+    gain = max((each.gain for each in steps), default=0.0)
+    return min(LAW_ERROR**2 * gain, 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples)
+
+
+def shortlist(scores: Sequence[Score], level: float, least: float) -> list[Score]:
     """The families to fit: those whose gain is no chance and near to the best, two of one mechanism at most.
 
     What has states of its own resonates: its gain at zero strength says little of that at another. So the best of
-    each such mechanism is fitted too where the model is ``far`` off.
+    each such mechanism is fitted too.
     """
     called = [each for each in scores if each.p < level and each.gain > least and each.confirmed]
     chosen: list[Score] = []
@@ -247,17 +268,26 @@ def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) ->
         same = [other for other in chosen if other.family.group == each.family.group]
         if each.gain >= NEAR * called[0].gain and len(same) < 2 and len(chosen) < CANDIDATES:
             chosen.append(each)
-    for each in called:
-        resonant = far and each.family.remembers and each.gain > FAINT * called[0].gain
+    for each in scores if called else []:
+        resonant = each.family.remembers and each.p < level and each.gain > FAINT * called[0].gain
         if resonant and all(each.family.group != other.family.group for other in chosen):
             chosen.append(each)
     return chosen
 
 
 def best_step(
-    data: Sequence[Conditioned], fitted: Fitted, chosen: Sequence[Score], level: float, pool: Executor, say: Say
+    data: Sequence[Conditioned],
+    fitted: Fitted,
+    chosen: Sequence[Score],
+    level: float,
+    pool: Executor,
+    say: Say,
+    named: Collection[str] = (),
 ) -> Step | None:
-    """The family that explains most once fitted; None where that is no more than chance."""
+    """The family that explains most once fitted; None where that is no more than chance.
+
+    One of the groups ``named`` corrects an equation and follows none itself.
+    """
     fits: list[tuple[Score, Fitted]] = []
     for each in chosen:
         fits.append((each, with_family(fitted, each.family, data, pool, SHORT)))
@@ -274,19 +304,24 @@ def best_step(
     best, found = fits[0]
     if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
         return None
-    step = settled(data, fitted, best.family, found, best.freedom, pool, say)
+    step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
     step.rivals = [(each.family, other) for each, other in fits[1:]]
     return step
 
 
-def settled(data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say: Say) -> Step:
+def settled(
+    data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say: Say, correction: bool
+) -> Step:
     """A family that was chosen, with its windows joined, its noise seen anew, and the equation that its law follows."""
     loose = found.weight
     found = joined(data, found, pool, THOROUGH, fitted.noise)
     if found.weight < loose:
         say(f"  joined: chi-square {found.per_freedom:.4f}")
     gain = max(fitted.cost - found.cost, 1.0)
-    named, other = name_law(data, found, family, gain, pool, say)
+    if correction:
+        named, other = Named(family, family.mechanism, None, []), found
+    else:
+        named, other = name_law(data, found, family, gain, pool, say)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if named.equation is None or other.cost > found.cost:
         finer = refined(data, found, family, pool)
@@ -294,7 +329,7 @@ def settled(data, fitted: Fitted, family: Family, found: Fitted, freedom: int, p
         if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer):
             named.equation, other = None, finer
             terms = tuple(each for each in finer.hypothesis.terms if each.name in {one.name for one in family.terms})
-    if named.nearest and other.per_freedom > 1.0 + VISIBLE:
+    if named.nearest and named.equation is None and other.per_freedom > 1.0 + VISIBLE:
         both, joint = corrected_equation(data, named, fitted, other, family, pool)
         if both.cost < other.cost - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
@@ -331,7 +366,7 @@ def backward(
 ) -> tuple[Fitted, list[Step]]:
     """Leave out families that, with all others there, gain no more than chance or than the others' laws are off."""
     kept = list(steps)
-    least = LAW_ERROR**2 * max((each.gain for each in steps), default=0.0)
+    least = errors_of_laws(fitted, steps)
     for step in sorted(steps, key=lambda each: each.gain):
         if len(kept) < 2:
             break

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Floats = NDArray[np.float64]
+FARTHEST = 10.0
+"""Standard deviations by which a belief with heavy tails may still be off without a strong reason."""
 
 
 class Quadratic(NamedTuple):
@@ -66,7 +68,8 @@ class Priors:
     low: Floats
     high: Floats
     freedom: float = np.inf
-    """Degrees of freedom of Student's t, whose heavy tails let a wrong belief go; infinite for a normal prior."""
+    """Degrees of freedom of Student's t, whose heavy tails let a wrong belief go; infinite for a normal prior. What is
+    farther off than ten standard deviations is held back by a wide normal density beside it."""
     dispersion: float = 1.0
     """By which the prior is made as much weightier as the data are over-dispersed: a model that leaves so many times
     the noise must not bend what is known in the place of what is missing."""
@@ -77,14 +80,15 @@ class Priors:
         if np.isinf(self.freedom):
             return 0.5 * self.dispersion * float(off @ off)
         tails = float(np.log1p(off**2 / self.freedom).sum())
-        return 0.5 * self.dispersion * (self.freedom + 1.0) * tails
+        return 0.5 * self.dispersion * ((self.freedom + 1.0) * tails + float(off @ off) / FARTHEST**2)
 
     def weights(self, shared: Floats) -> Floats:
         """(k,) of the squared distances from the centre that have the prior's gradient there."""
         if np.isinf(self.freedom):
             return self.dispersion * self.precision**2
         off = (shared - self.centre) * self.precision
-        return self.dispersion * self.precision**2 * (self.freedom + 1.0) / (self.freedom + off**2)
+        tails = (self.freedom + 1.0) / (self.freedom + off**2)
+        return self.dispersion * self.precision**2 * (tails + 1.0 / FARTHEST**2)
 
 
 @dataclass

