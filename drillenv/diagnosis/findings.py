@@ -280,7 +280,7 @@ def rejected(outcome: Outcome) -> list[dict[str, str]]:
         for family, other in step.rivals:
             worse = other.cost - (step.before.cost - step.gain)
             said.append({"mechanism": family.mechanism, "why": f"explains less (log-likelihood lower by {worse:.0f})"})
-    for score in outcome.scores[:8]:
+    for score in outcome.tested.scores[:8]:
         why = f"gains too little (log-likelihood {score.gain:.1f}, p {score.p:.2g})"
         said.append({"mechanism": score.family.mechanism, "why": why})
     return said

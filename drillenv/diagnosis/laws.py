@@ -168,10 +168,9 @@ def bsplines(count: int, at: Floats | None = None, degree: int = 3) -> Floats:
     return BSpline.design_matrix(np.clip(at, at[0], at[-1]), knots, degree).toarray().T
 
 
-def odd(basis: Floats) -> Floats:
-    """Of functions over half of the axis, those that are odd about its middle: 0 there."""
-    half = (GRID - 1) // 2
-    right = basis[:, ::2][:, : half + 1] - basis[:, :1]
+def odd(right: Floats) -> Floats:
+    """(count, GRID) of functions over the right half of an axis (count, half), those odd about its middle: 0 there."""
+    right = right - right[:, :1]
     return np.concatenate([-right[:, :0:-1], right], axis=1)
 
 
@@ -201,7 +200,8 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     for place, values in ((predict.SPRING, y), (predict.SPRING_FROM_REST, beyond)):
         low, high = span(values)
         ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
-    speeds = ((predict.DAMPER, v1 - v2, 5.0), (predict.GUIDE, v1, 30.0), (predict.INDENTER, v2, 30.0))
+    # dry friction changes its sign within less than a sample
+    speeds = ((predict.DAMPER, v1 - v2, 5.0), (predict.GUIDE, v1, 300.0), (predict.INDENTER, v2, 300.0))
     for place, values, sharp in speeds:
         largest = float(np.percentile(np.abs(values), 99.8))
         ranges[place] = (-largest, largest, largest / sharp)
@@ -271,7 +271,10 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
         free = normalised(basis, [each(x) for each in known])
         return Curve(name, _named(name, len(free), width), place, free)
 
-    half = odd(splines(6))[1:]
+    def friction(place: int) -> Floats:
+        x = axes.points(place)[(GRID - 1) // 2 :]
+        return odd(bsplines(3 * detail + 3, np.arcsinh(30.0 * x / x[-1])))[1:]
+
     made = [
         Family(
             "contact-law",
@@ -308,8 +311,12 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
             (curve("damper", 10.0, predict.DAMPER, splines(9), np.ones_like, _itself),),
             "damping-quadratic",
         ),
-        Family("guide-friction", "guide-friction", (curve("guide", 10.0, predict.GUIDE, half),)),
-        Family("indenter-friction", "indenter-friction", (curve("indenter", 10.0, predict.INDENTER, half),)),
+        Family("guide-friction", "guide-friction", (curve("guide", 10.0, predict.GUIDE, friction(predict.GUIDE)),)),
+        Family(
+            "indenter-friction",
+            "indenter-friction",
+            (curve("indenter", 10.0, predict.INDENTER, friction(predict.INDENTER)),),
+        ),
         Family(
             "drive-harmonics",
             "drive-harmonics",

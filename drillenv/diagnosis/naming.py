@@ -102,6 +102,16 @@ def absorbed(place: int, model: Model, axes: Axes, off: Floats) -> dict[str, flo
     return {constant[place]: float(np.polynomial.polynomial.polyfit(x, off, 1)[1])}
 
 
+def same_forces(axes: Axes, model: Model, other: Model) -> Axes:
+    """Axes on which laws of ``other`` stand for the forces of the rock for which those of ``model`` stand on ``axes``.
+
+    The contact's coordinate is the force over the loading stiffness, which may differ.
+    """
+    scale = axes.scale.copy()
+    scale[[predict.LOADING, predict.UNLOADING]] *= model.s[predict.K_L] / other.s[predict.K_L]
+    return axes._replace(scale=scale)
+
+
 def precision_of(fitted: Fitted, family: Family) -> Floats:
     """(m, m) lower Cholesky factor of the precision of constants and a family's parameters, all others at their best.
 
@@ -132,6 +142,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[tuple[
     names = [each.name for each in constants.unknowns]
     width = np.array([each.width for each in (*constants.unknowns, *equation.unknowns)])
     count = own.size
+    logarithmic = np.array([each in ("loading_stiffness", "unloading_stiffness") for each in names])
 
     def misfit(scaled: Floats) -> Floats:
         values, rows = scaled * width, []
@@ -139,14 +150,15 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[tuple[
         for model, scene in zip(found, scenes, strict=True):
             tried = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
             constants.contribute(values[:count], tried, scene, axes)
-            equation.contribute(values[count:], tried, scene, axes)
+            equation.contribute(values[count:], tried, scene, same_forces(axes, model, tried))
             tables += (tried.tables - model.tables) / len(scenes)
             for i in (*NUMBERS.values(), predict.F_A):
                 if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
                     rows.append(np.atleast_1d(np.log(max(tried.s[i], 1e-12) / model.s[i])))
         if factor is None:
             return np.concatenate([*rows, 1e-2 * (scaled[:count] - own / width[:count])])
-        change = values[:count] - own
+        # a stiffness and a factor on it are the same, however large
+        change = np.where(logarithmic, own * np.log(values[:count] / own), values[:count] - own)
         for place in curves:
             for name, by in absorbed(place, found[0], axes, tables[place]).items():
                 change[names.index(name)] += by

@@ -25,6 +25,9 @@ FALSE_ALARMS = 0.002
 """Probability that a campaign where nothing is missing gives any family a gain that counts."""
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
+POSSIBLE = 0.1
+"""p-value on stretches up to which a family is tested on whole recordings: with several times the samples, one that is
+there is much less likely by chance than this already."""
 MOST = 4
 """Families, at most."""
 VISIBLE = 0.03
@@ -82,13 +85,15 @@ class Information(NamedTuple):
         """Log-likelihood that some of the parameters gain on each recording where the others say their values.
 
         What is there gains on recordings that were left out; what only takes up misfit of another kind does not.
+        The others' gradient is followed by the Hessian of all recordings: of a direction that the one left out alone
+        says much of, the others say nothing that could be held against it.
         """
         total = 0.0
         with_them = np.concatenate([np.arange(self.known), inside])
+        hessian = regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
         for left_out in range(len(self.gradients)):
             rest = np.arange(len(self.gradients)) != left_out
             gradient = self.gradients[rest].sum(axis=0) + self.prior_gradient
-            hessian = regular(self.hessians[rest].sum(axis=0) + np.diag(self.prior_precision))
             for at, sign in ((with_them, 1.0), (np.arange(self.known), -1.0)):
                 step = -np.linalg.solve(hessian[np.ix_(at, at)], gradient[at])
                 own = self.gradients[left_out][at], self.hessians[left_out][np.ix_(at, at)]
@@ -100,6 +105,15 @@ def regular(hessian: Floats) -> Floats:
     """A Hessian that can be solved where recordings say nothing of a parameter."""
     own = np.diag(hessian)
     return hessian + np.diag(1e-10 * own + 1e-12 * own.max())
+
+
+class Tested(NamedTuple):
+    """Score tests of every family."""
+
+    scores: list[Score]
+    """The largest gain first."""
+    level: float
+    """The p-value that the smallest must not exceed."""
 
 
 def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Information:
@@ -127,11 +141,11 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Inform
     )
 
 
-def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> tuple[list[Score], float]:
-    """Every family's score test, the largest gain first, and the p-value that the smallest must not exceed.
+def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> Tested:
+    """Every family's score test.
 
-    That one is drawn by a parametric bootstrap of the smallest p-value of all families together (P. H. Westfall and
-    S. S. Young, Resampling-Based Multiple Testing, Wiley, 1993, Section 2.3).
+    The p-value that the smallest must not exceed is drawn by a parametric bootstrap of the smallest p-value of all
+    families together (P. H. Westfall and S. S. Young, Resampling-Based Multiple Testing, Wiley, 1993, Section 2.3).
     """
     together = [each for each in tried if not each.remembers]
     batches = ([together] if together else []) + [[each] for each in tried if each.remembers]
@@ -158,7 +172,7 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
             scores.append(Score(each, gain, freedom, float(chi2.sf(2.0 * gain, freedom)), elsewhere))
             chance = chi2.sf(((drawn[:, at] @ turned) ** 2).sum(axis=1), freedom)
             smallest = np.minimum(smallest, chance)
-    return sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS))
+    return Tested(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -217,12 +231,15 @@ def forward(
     pool: Executor,
     say: Say = lambda _: None,
     before: Sequence[Step] = (),
-) -> tuple[Fitted, list[Step], list[Score]]:
+    earlier: Tested | None = None,
+) -> tuple[Fitted, list[Step], Tested]:
     """Add families as long as one is called for, then leave out those that the others make needless.
 
-    ``before`` are steps that the fit has taken already.
+    ``before`` are steps that the fit has taken already. Of families that were tested ``earlier`` on a part of the same
+    samples, only those are tested again that may yet be there, at the same level.
     """
     steps = list(before)
+    possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     while True:
         measured = {step.family.group for step in steps if step.named.equation is None}
         named = {step.family.group for step in steps} - measured
@@ -231,8 +248,10 @@ def forward(
             each
             for each in candidates(fitted)
             if each.group not in measured and not (each.remembers and each.group in named)
+            if possible is None or each.name in possible
         ]
         scores, level = score_tests(fitted, tried, pool)
+        level = level if earlier is None else min(level, earlier.level)
         least = errors_of_laws(fitted, steps)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
@@ -241,7 +260,7 @@ def forward(
         if chosen and len(steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
         if step is None:
-            return (*backward(data, fitted, steps, level, pool, say), scores)
+            return (*backward(data, fitted, steps, level, pool, say), Tested(scores, level))
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
         if corrected is None:
             steps.append(step)

@@ -18,6 +18,8 @@ from drillenv.diagnosis.drill import Recorded, first_states, no_columns
 from drillenv.diagnosis.fitting import (
     CLOSE,
     FREE,
+    GRADUAL,
+    JOINED,
     Fitted,
     Noise,
     axes_at,
@@ -29,7 +31,7 @@ from drillenv.diagnosis.fitting import (
 )
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
-from drillenv.diagnosis.selection import Score, Step, forward
+from drillenv.diagnosis.selection import Step, Tested, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import Hypothesis
@@ -68,7 +70,7 @@ class Outcome:
     final: Fitted
     steps: list[Step]
     named: list[Named]
-    scores: list[Score]
+    tested: Tested
     held: tuple[float, float] | None
     """Reduced chi-square on recordings left out, before and after."""
     held_fits: tuple[list[Settled], list[Settled]]
@@ -100,19 +102,21 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         begun = plain_fit(campaign, [each.first(STRETCH) for each in fit_data], pool)
         say(f"reduced chi-square {begun.per_freedom:.3f}")
         stretches = [block.data for block in begun.blocks]
-        found, steps, scores = forward(stretches, begun, pool, say)
+        found, steps, tested = forward(stretches, begun, pool, say)
         say("fitting whole recordings")
         whole = extended(fit_data, found, pool)
         say(f"reduced chi-square {whole.per_freedom:.3f}")
-        final, steps, scores = forward(fit_data, whole, pool, say, steps)
+        final, steps, tested = forward(fit_data, whole, pool, say, steps, tested)
         final = polished(fit_data, final, pool)
-        plain = whole if found is begun else resettled(fit_data, begun, final, pool)
-        after = evaluated(held_data, final, pool)
-        before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
+        after = before = evaluated(held_data, final, pool)
+        plain = final
+        if steps:
+            plain = whole if found is begun else resettled(fit_data, begun, final, pool)
+            before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
     chi = (chi_square(before), chi_square(after)) if held_data else None
     verdict = decided(plain, final, steps, chi)
     named = [step.named for step in steps]
-    return Outcome(verdict, fit_data, held_data, plain, final, steps, named, scores, chi, (before, after))
+    return Outcome(verdict, fit_data, held_data, plain, final, steps, named, tested, chi, (before, after))
 
 
 def nominal_rig(campaign: Campaign) -> Rig:
@@ -185,7 +189,7 @@ def evaluated(
 def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
     """The same with the noise that a model leaves, where it comes close to the recording."""
     block, own, shared = there
-    if 2.0 * block.cost(shared, own) / block.measured[:, block.judged].size > CLOSE:
+    if block.per_sample(shared, own) > CLOSE:
         return there
     left = Fitted(block.hypothesis, [block], replace(fitted.fit, shared=shared, own=[own]), fitted.priors)
     noise = noise_left(left, None)[0]
@@ -201,15 +205,25 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
     size = predict.STATES if any(term.remembers for term in fitted.hypothesis.terms) else 4
     own = resized(first_states(each), len(each.starts) - 1, size, 4, 0)
     shared = fitted.fit.shared
-    for weight in dict.fromkeys((FREE, fitted.weight)):
+
+    def settle(weight: float, own: Floats) -> tuple[Recorded, Floats]:
         block = Recorded(each, fitted.hypothesis, weight, level, size)
-        if weight != FREE:
-            own = block.chained(shared, own)
-        else:
+        if own.size != block.windows * size + block.locals:
             own = np.append(own[: block.windows * size + 2], np.zeros(len(block.lines)))
-        own = block.settled(shared, own)
+        own = block.settled(shared, block.chained(shared, own) if weight == JOINED else own)
         again = block.restarted(shared, own)
-        own = own if again is own else block.settled(shared, again)
+        return block, own if again is own else block.settled(shared, again)
+
+    block, own = settle(FREE, own)
+    if fitted.weight == FREE:
+        return Settled(block, own, shared)
+    free, close = own, block.per_sample(shared, own) < CLOSE
+    block, own = settle(fitted.weight, own)
+    if close and block.per_sample(shared, own) > CLOSE:
+        # windows that were not near enough to each other to be joined at once
+        own = free
+        for weight in [*(each for each in GRADUAL if each > fitted.weight), fitted.weight]:
+            block, own = settle(weight, own)
     return Settled(block, own, shared)
 
 
