@@ -26,6 +26,8 @@ GRADUAL = (100.0, 10.0, JOINED)
 TAILS = 4.0
 """Degrees of freedom of the constants' priors where windows are joined."""
 FULL = Limits()
+SETTLING = 6
+"""Steps of own unknowns alone before a fit that begins elsewhere."""
 CLOSE = 1.5
 """Reduced chi-square from which a model is too far off for its windows to be joined further."""
 
@@ -164,8 +166,12 @@ def fit_to(
     weight: float,
     limits: Limits = FULL,
     noise: Sequence[Noise] | None = None,
+    settled: bool = False,
 ) -> Fitted:
-    """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block."""
+    """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block.
+
+    Own unknowns are ``settled`` first where the start is of another kind than the model they were fitted with.
+    """
     priors = priors_of(hypothesis)
     shared = priors.centre.copy() if start is None else start
     size = STATES if any(term.remembers for term in hypothesis.terms) else 4
@@ -177,6 +183,9 @@ def fit_to(
     # a model that is close may find that a constant is wrong; one that is far off must not
     priors = replace(priors, freedom=TAILS if weight == JOINED else math.inf)
     samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
+    if settled:
+        each: Callable = map if pool is None else pool.map
+        own = list(each(lambda block, x: block.settled(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
     own = restarted(blocks, fit, pool)
     if any(one is not other for one, other in zip(own, fit.own, strict=True)):

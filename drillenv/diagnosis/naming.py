@@ -259,7 +259,7 @@ def name_law(
         for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, *kept[1:], values])
-            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
+            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))
     tried.sort(key=lambda pair: pair[1].cost)

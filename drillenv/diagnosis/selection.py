@@ -255,7 +255,7 @@ def forward(
         least = errors_of_laws(fitted, steps)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        chosen = shortlist(scores, level, least)
+        chosen = shortlist(scores, level, least, fitted.per_freedom > CLOSE)
         step = None
         if chosen and len(steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
@@ -275,11 +275,11 @@ def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
     return min(LAW_ERROR**2 * gain, 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples)
 
 
-def shortlist(scores: Sequence[Score], level: float, least: float) -> list[Score]:
+def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) -> list[Score]:
     """The families to fit: those whose gain is no chance and near to the best, two of one mechanism at most.
 
-    What has states of its own resonates: its gain at zero strength says little of that at another. So the best of
-    each such mechanism is fitted too.
+    What has states of its own resonates: its gain at zero strength says little of that at another, and nothing where
+    the model is ``far`` off. So it is fitted at each frequency or time constant.
     """
     called = [each for each in scores if each.p < level and each.gain > least and each.confirmed]
     chosen: list[Score] = []
@@ -288,8 +288,8 @@ def shortlist(scores: Sequence[Score], level: float, least: float) -> list[Score
         if each.gain >= NEAR * called[0].gain and len(same) < 2 and len(chosen) < CANDIDATES:
             chosen.append(each)
     for each in scores if called else []:
-        resonant = each.family.remembers and each.p < level and each.gain > FAINT * called[0].gain
-        if resonant and all(each.family.group != other.family.group for other in chosen):
+        resonant = each.family.remembers and each.p < level and (far or each.gain > FAINT * called[0].gain)
+        if resonant and all(each.family.name != other.family.name for other in chosen):
             chosen.append(each)
     return chosen
 
