@@ -40,11 +40,14 @@ from drillenv.diagnosis.predict import (
     SPRING,
     SPRING_FROM_REST,
     STATES,
+    UD,
     V1,
     V2,
     C,
     Columns,
     K,
+    Q,
+    U,
     Wave,
     Y,
     run,
@@ -65,6 +68,8 @@ FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
 for the samples say little of them where sensors remember the time before."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
+WORSE, CORRECTIONS = 10.0, 6
+"""Own unknowns whose step makes a recording worse, up to so many times, take so many steps more of their own."""
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
 
@@ -188,6 +193,7 @@ class Recorded:
         kept = self.state_count(own)
         begin = np.zeros((self.windows, STATES))
         begin[:, :kept] = self.states_of(own) * STATE_WIDTHS[:kept]
+        begin[:, absent(model)] = 0.0
         begin[:, Y] = shortening(begin[:, Y], model, self.hypothesis.axes)
         begin[:, V1] = begin[:, V2] + closing_speed(begin[:, V1], model, self.hypothesis.axes)
         return begin
@@ -201,7 +207,7 @@ class Recorded:
         stiff, damped = stiffness_at(y, model, axes), damping_at(closing, model, axes)
         by_own = np.zeros((self.windows, kept, kept))
         for i in range(V2, kept):
-            by_own[:, i, i] = STATE_WIDTHS[i]
+            by_own[:, i, i] = 0.0 if i in absent(model) else STATE_WIDTHS[i]
         by_own[:, Y, Y] = STATE_WIDTHS[Y] / stiff
         by_own[:, V1, V1] = STATE_WIDTHS[V1] / damped
         by_own[:, V1, V2] = STATE_WIDTHS[V2]
@@ -262,7 +268,7 @@ class Recorded:
         return off, precision
 
     def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
-        """Cost and own unknowns after their step; windows that it makes worse take a part of it."""
+        """Cost and own unknowns after their step; windows that it makes worse take a part of it, or steps further."""
         best, costs = self.costs(shared, own + move)
         at = own + move
         if best <= before:
@@ -283,6 +289,10 @@ class Recorded:
                 if cost < best:
                     best, at_best, costs = cost, chosen, mixed_costs
             at = at_best
+        if before < best < WORSE * before:
+            # where windows are joined, their states follow the shared parameters along a curve
+            at = self.settled(shared, at, CORRECTIONS)
+            best = self.cost(shared, at)
         return best, at
 
     def restarted(self, shared: Floats, own: Floats) -> Floats:
@@ -556,6 +566,12 @@ class Recorded:
                     moved[first + j] += (self.read(np.concatenate(split), raw.said) - read) / step
             first += own.size
         return self.weighed(moved[:, :, self.judged]) * self.widths[:, None, None]
+
+
+def absent(model: Model) -> list[int]:
+    """States that the model has not: of a mount, of the air."""
+    mount = [] if model.s[predict.MOUNT_SQUARE] > 0.0 else [U, UD]
+    return mount + ([] if model.s[predict.AIR_RATE] > 0.0 else [Q])
 
 
 def chained(raw: Raw, starts: NDArray, by_own: Floats, by_column: Floats) -> Raw:

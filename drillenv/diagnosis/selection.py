@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
-from drillenv.diagnosis.fitting import CLOSE, Fitted, fit_to, joined, kept_of, noise_left, resized
+from drillenv.diagnosis.fitting import CLOSE, FREE, JOINED, Fitted, fit_to, joined, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import Family, families, moved_to
 from drillenv.diagnosis.naming import LAW_ERROR, THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
@@ -25,6 +25,8 @@ FALSE_ALARMS = 0.002
 """Probability that a campaign where nothing is missing gives any family a gain that counts."""
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
+CORRECTION = 0.1
+"""Relative error of an equation's law from which the law is a measured one."""
 POSSIBLE = 0.1
 """p-value on stretches up to which a family is tested on whole recordings: with several times the samples, one that is
 there is much less likely by chance than this already."""
@@ -37,6 +39,8 @@ FAINT = 0.05
 """The same for families with states of their own, whose gain at zero strength says little."""
 UNCONFIRMED = 0.1
 """Share of a gain that may be lost on recordings that are left out."""
+PROMISED = 0.5
+"""Share of the gain of a score test that a fit has to reach at once."""
 NEAR = 0.25
 """Share of the best score test's gain from which a family is a candidate."""
 
@@ -214,6 +218,21 @@ def with_family(fitted: Fitted, family: Family, data, pool: Executor, limits: Li
     return fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
+def with_score(fitted: Fitted, score: Score, data, pool: Executor) -> Fitted:
+    """The fit with one more family, where need be through windows that are free for a while.
+
+    A joined fit may creep along a curved valley where one of free windows goes straight; it shows by a gain far below
+    that which the score test promises.
+    """
+    found = with_family(fitted, score.family, data, pool, SHORT)
+    if fitted.weight > JOINED or fitted.cost - found.cost > PROMISED * score.gain:
+        return found
+    start = np.concatenate([fitted.fit.shared, [each.value / each.width for each in score.family.unknowns]])
+    free = fit_to(data, found.hypothesis, start, fitted.fit.own, pool, FREE, SHORT, fitted.noise)
+    again = joined(data, free, pool, SHORT, fitted.noise)
+    return again if again.weight == JOINED and again.cost < found.cost else found
+
+
 def candidates(fitted: Fitted, detail: int = 1) -> list[Family]:
     """Every family that a fit may be given, of the motion and of the sensors."""
     blocks = fitted.blocks
@@ -242,7 +261,7 @@ def forward(
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     while True:
         measured = {step.family.group for step in steps if step.named.equation is None}
-        named = {step.family.group for step in steps} - measured
+        named = {step.family.group: step.gain for step in steps if step.family.group not in measured}
         # of a mechanism that follows an equation, a free law may still correct it
         tried = [
             each
@@ -255,7 +274,9 @@ def forward(
         least = errors_of_laws(fitted, steps)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        chosen = shortlist(scores, level, least, fitted.per_freedom > CLOSE)
+        slight = [each for each in scores if each.gain < CORRECTION**2 * named.get(each.family.group, 0.0)]
+        open_ = [each for each in scores if each not in slight]
+        chosen = shortlist(open_, level, least, fitted.per_freedom > CLOSE)
         step = None
         if chosen and len(steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
@@ -309,10 +330,10 @@ def best_step(
     """
     fits: list[tuple[Score, Fitted]] = []
     for each in chosen:
-        fits.append((each, with_family(fitted, each.family, data, pool, SHORT)))
+        fits.append((each, with_score(fitted, each, data, pool)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     fits.sort(key=lambda pair: pair[1].cost)
-    for rank, (each, other) in enumerate(fits[:2]):
+    for rank, (each, other) in enumerate(fits[:CANDIDATES]):
         if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
             break
         start = other.fit.shared
