@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drillenv.diagnosis.predict import DAMPER, F_B, GRID, SPRING, SPRING_FROM_REST, Axes, C, K
+from drillenv.diagnosis.predict import DAMPER, F_B, GRID, MARGIN, SPRING, SPRING_FROM_REST, Axes, C, K
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Model
 
 
+def _at(axes: Axes, place: int, x: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Positions in a place's table, and the lower of the two points that each is between or beyond."""
+    at = (np.arcsinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
+    at = np.clip(at, -MARGIN, GRID - 1.0 + MARGIN)
+    return at, np.clip(at.astype(int), 0, GRID - 2)
+
+
 def look(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
     """A place's table (GRID,) at arguments."""
-    at = (np.arcsinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
-    return np.interp(at, np.arange(GRID), table)
+    at, i = _at(axes, place, x)
+    return table[i] + (at - i) * (table[i + 1] - table[i])
 
 
 def slope(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
     """Its derivative by the argument."""
-    scale = axes.scale[place]
-    at = (np.arcsinh(x / scale) - axes.low[place]) / axes.step[place]
-    inside = (at > 0.0) & (at < GRID - 1)
-    i = np.clip(at.astype(int), 0, GRID - 2)
-    return np.where(inside, (table[i + 1] - table[i]) / (axes.step[place] * np.sqrt(x**2 + scale**2)), 0.0)
+    at, i = _at(axes, place, x)
+    inside = (at > -MARGIN) & (at < GRID - 1.0 + MARGIN)
+    run = axes.step[place] * np.sqrt(x**2 + axes.scale[place] ** 2)
+    return np.where(inside, (table[i + 1] - table[i]) / run, 0.0)
 
 
 def spring_force(y: Floats, model: Model, axes: Axes) -> Floats:

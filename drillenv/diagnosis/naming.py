@@ -21,13 +21,13 @@ from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import Hypothesis, Model, Term
 
 LAW_ERROR = 0.05
-"""Relative error of a fitted law that is allowed for: what it leaves, a share LAW_ERROR^2 of its gain, calls for no
-further family."""
+"""Relative error up to which an equation is said to give a fitted law: it leaves a share LAW_ERROR^2 of its gain."""
 ALIKE = 0.01
 """Probability of calling an equation worse than the free law though it is the true one."""
 LEVEL = 0.08
 """Change of a gain from which a response is not level: a tenth, less what a free response is off."""
-THOROUGH = Limits(15, 0.5, 0.003)
+FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)
+"""Steps of an equation's fit before it is seen whether it explains anything, and after."""
 STARTS = 2
 """Starts of an equation that are followed to their end."""
 
@@ -176,7 +176,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[tuple[
     made.sort(key=lambda each: each[0])
     chosen = [made[0][1]]
     for _, values in made[1:]:
-        if len(chosen) < STARTS and all(np.max(np.abs(values - each)[count:]) > 0.2 for each in chosen):
+        if len(chosen) < STARTS and all(np.max(np.abs(values - each)) > 0.2 for each in chosen):
             chosen.append(values)
     return [(each[:count], each[count:]) for each in chosen]
 
@@ -259,7 +259,10 @@ def name_law(
         for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, *kept[1:], values])
-            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
+            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
+            if not other.fit.converged and other.cost - fitted.cost < gain:
+                begun, own = other.fit.shared, other.fit.own
+                other = fit_to(data, hypothesis, begun, own, pool, fitted.weight, THOROUGH, fitted.noise)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))
     tried.sort(key=lambda pair: pair[1].cost)

@@ -42,8 +42,10 @@ STATE_NAMES = ("y", "v1", "v2", "w", "u", "u'", "q")
     DRIVE,
 ) = range(12)
 PLACES = 12
-GRID = 161
+GRID = 641
 """Points of a table."""
+MARGIN = 160.0
+"""Points by which its ends go on straight beyond it."""
 
 # Scalars of the model
 (
@@ -121,24 +123,28 @@ class Wave(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _look(tables, axes, place, x):
-    """Value and slope of a place's curve."""
-    scale = axes.scale[place]
-    at = (math.asinh(x / scale) - axes.low[place]) / axes.step[place]
-    if at <= 0.0:
-        return tables[place, 0], 0.0
-    if at >= GRID - 1:
-        return tables[place, GRID - 1], 0.0
-    i = int(at)
-    rise = tables[place, i + 1] - tables[place, i]
-    return tables[place, i] + (at - i) * rise, rise / (axes.step[place] * math.sqrt(x * x + scale * scale))
+def _at(axes, place, x):
+    """Position in a place's table, of which a margin beyond either end goes on straight."""
+    at = (math.asinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
+    return min(max(at, -MARGIN), GRID - 1.0 + MARGIN)
 
 
 @njit(cache=True, error_model="numpy")
-def _at(axes, place, x):
-    """Position in a place's table, within it."""
-    at = (math.asinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
-    return min(max(at, 0.0), GRID - 1.000001)
+def _cell(at):
+    """The lower of the two points of a table between which, or beyond which, a position is."""
+    return min(max(int(at), 0), GRID - 2)
+
+
+@njit(cache=True, error_model="numpy")
+def _look(tables, axes, place, x):
+    """Value and slope of a place's curve."""
+    at = _at(axes, place, x)
+    i = _cell(at)
+    rise = tables[place, i + 1] - tables[place, i]
+    value = tables[place, i] + (at - i) * rise
+    if at == -MARGIN or at == GRID - 1.0 + MARGIN:
+        return value, 0.0
+    return value, rise / (axes.step[place] * math.sqrt(x * x + axes.scale[place] ** 2))
 
 
 @njit(cache=True, error_model="numpy")
@@ -321,7 +327,7 @@ def _fill(columns, z, f, rock, d, theta, time, regime, impacts, s, axes, wanted,
             force_rock[j] = scalar_rock[kind]
         elif kind == CURVE:
             place = columns.place[j]
-            i = int(at[place])
+            i = _cell(at[place])
             value = columns.table[j, i] + (at[place] - i) * (columns.table[j, i + 1] - columns.table[j, i])
             for i in range(STATES):
                 force[j, i] = value * curve[place, i]

@@ -15,7 +15,7 @@ from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.fitting import CLOSE, FREE, JOINED, Fitted, fit_to, joined, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import Family, families, moved_to
-from drillenv.diagnosis.naming import LAW_ERROR, THOROUGH, Named, name_law, without
+from drillenv.diagnosis.naming import THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
@@ -25,8 +25,8 @@ FALSE_ALARMS = 0.002
 """Probability that a campaign where nothing is missing gives any family a gain that counts."""
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
-CORRECTION = 0.1
-"""Relative error of an equation's law from which the law is a measured one."""
+LAW_LEFT = 0.1
+"""Relative error of a law that was found: what it leaves, a share LAW_LEFT^2 of its gain, calls for nothing further."""
 POSSIBLE = 0.1
 """p-value on stretches up to which a family is tested on whole recordings: with several times the samples, one that is
 there is much less likely by chance than this already."""
@@ -35,9 +35,11 @@ MOST = 4
 VISIBLE = 0.03
 """Over-dispersion from which a law is looked at more closely."""
 SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(25, 0.5, 0.003)
+DETAILS = (2, 4)
+"""Resolutions of a free law that are tried."""
 FAINT = 0.05
 """The same for families with states of their own, whose gain at zero strength says little."""
-UNCONFIRMED = 0.1
+UNCONFIRMED = 0.03
 """Share of a gain that may be lost on recordings that are left out."""
 PROMISED = 0.5
 """Share of the gain of a score test that a fit has to reach at once."""
@@ -180,10 +182,22 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same family with a law of twice the resolution, its motions' ranges seen anew."""
+    """The same family with a law of twice the resolution, and of more as long as that is seen in the fit."""
+    for detail in DETAILS:
+        finer = with_detail(data, fitted, family, detail, pool)
+        more = finer.fit.shared.size - fitted.fit.shared.size
+        enough = fitted.cost - finer.cost < 0.5 * chi2.isf(FALSE_ALARMS, max(more, 1))
+        fitted = fitted if enough else finer
+        if enough or finer.per_freedom < 1.0 + VISIBLE:
+            break
+    return fitted
+
+
+def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
+    """The same family with a law of so many times the resolution."""
     axes = fitted.hypothesis.axes
     frequencies = [block.scene.frequency for block in fitted.blocks]
-    finer = next((each for each in families(axes, frequencies, 2) if each.name == family.name), family)
+    finer = next((each for each in families(axes, frequencies, detail) if each.name == family.name), family)
     if finer.size == family.size:
         return fitted
     terms, start = [], []
@@ -209,6 +223,10 @@ class Step:
     terms: tuple[Term, ...]
     """Those of its law in the fit."""
     rivals: list[tuple[Family, Fitted]]
+
+    def gain_in(self, fitted: Fitted) -> float:
+        """About the gain in as many samples as another fit has."""
+        return self.gain * fitted.samples / self.before.samples
 
 
 def with_family(fitted: Fitted, family: Family, data, pool: Executor, limits: Limits) -> Fitted:
@@ -261,7 +279,7 @@ def forward(
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     while True:
         measured = {step.family.group for step in steps if step.named.equation is None}
-        named = {step.family.group: step.gain for step in steps if step.family.group not in measured}
+        named = {step.family.group: step.gain_in(fitted) for step in steps if step.family.group not in measured}
         # of a mechanism that follows an equation, a free law may still correct it
         tried = [
             each
@@ -274,7 +292,7 @@ def forward(
         least = errors_of_laws(fitted, steps)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        slight = [each for each in scores if each.gain < CORRECTION**2 * named.get(each.family.group, 0.0)]
+        slight = [each for each in scores if each.gain < LAW_LEFT**2 * named.get(each.family.group, 0.0)]
         open_ = [each for each in scores if each not in slight]
         chosen = shortlist(open_, level, least, fitted.per_freedom > CLOSE)
         step = None
@@ -292,8 +310,8 @@ def forward(
 
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
     """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most all that is left."""
-    gain = max((each.gain for each in steps), default=0.0)
-    return min(LAW_ERROR**2 * gain, 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples)
+    gain = max((each.gain_in(fitted) for each in steps), default=0.0)
+    return min(LAW_LEFT**2 * gain, 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples)
 
 
 def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) -> list[Score]:
