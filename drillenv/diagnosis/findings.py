@@ -83,7 +83,8 @@ def finding(outcome: Outcome, step: Step) -> dict[str, Any]:
     elif isinstance(terms[0], Sensor):
         entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
-        entry["law"] = measured_law(final, step.family, terms, median_depth(outcome))
+        nearest = named.nearest_fit if named.equation is None else None
+        entry["law"] = measured_law(final, step.family, terms, median_depth(outcome), nearest)
     return entry
 
 

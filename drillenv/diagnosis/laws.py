@@ -43,6 +43,8 @@ NUMBERS = {
 }
 
 
+SLOW = 30.0
+"""Share of the highest speed below which free laws over a speed are as fine as above it, inverted."""
 NO_FORM = Form("", (), ())
 
 
@@ -201,10 +203,10 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
         low, high = span(values)
         ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
     # dry friction changes its sign within less than a sample
-    speeds = ((predict.DAMPER, v1 - v2, 5.0), (predict.GUIDE, v1, 300.0), (predict.INDENTER, v2, 300.0))
-    for place, values, sharp in speeds:
+    speeds = ((predict.DAMPER, v1 - v2), (predict.GUIDE, v1), (predict.INDENTER, v2))
+    for place, values in speeds:
         largest = float(np.percentile(np.abs(values), 99.8))
-        ranges[place] = (-largest, largest, largest / sharp)
+        ranges[place] = (-largest, largest, largest / 300.0)
     scale = np.array([ranges[place][2] for place in range(PLACES)])
     low = np.arcsinh(np.array([ranges[place][0] for place in range(PLACES)]) / scale)
     high = np.arcsinh(np.array([ranges[place][1] for place in range(PLACES)]) / scale)
@@ -271,9 +273,13 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
         free = normalised(basis, [each(x) for each in known])
         return Curve(name, _named(name, len(free), width), place, free)
 
+    def over_speed(count: int) -> Floats:
+        x = axes.points(predict.DAMPER)
+        return bsplines((count - 3) * detail + 3, np.arcsinh(SLOW * x / x[-1]))
+
     def friction(place: int) -> Floats:
         x = axes.points(place)[(GRID - 1) // 2 :]
-        return odd(bsplines(3 * detail + 3, np.arcsinh(30.0 * x / x[-1])))[1:]
+        return odd(bsplines(3 * detail + 3, np.arcsinh(SLOW * x / x[-1])))[1:]
 
     made = [
         Family(
@@ -308,7 +314,7 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
         Family(
             "damper",
             "damper",
-            (curve("damper", 10.0, predict.DAMPER, splines(9), np.ones_like, _itself),),
+            (curve("damper", 10.0, predict.DAMPER, over_speed(9), np.ones_like, _itself),),
             "damping-quadratic",
         ),
         Family("guide-friction", "guide-friction", (curve("guide", 10.0, predict.GUIDE, friction(predict.GUIDE)),)),

@@ -1,4 +1,8 @@
-"""The law that was found, as a curve over its argument with a 95 % band, whatever equation it follows."""
+"""The law that was found, as a curve over its argument with a 95 % band, whatever equation it follows.
+
+Beside the curve stand its partial residuals, which are the curve with what the recordings leave of it, and the nearest
+of the library's equations where it follows none.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.laws import Family
+from drillenv.diagnosis.drill import no_columns
+from drillenv.diagnosis.laws import Equation, Family
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
@@ -17,6 +22,28 @@ from drillenv.diagnosis.terms import Model, Term
 
 POINTS = 61
 BAND = 1.96
+BINS, FEW = 40, 8
+"""Of partial residuals, and samples in one at least."""
+NEAR_DEPTH = 1.3
+"""Times the median depth, either way, within which samples speak of a law at that depth."""
+
+
+class Motion(NamedTuple):
+    """A recording's motion as a fit has it, and what it leaves. Arrays of samples."""
+
+    path: Floats
+    """(7, n)."""
+    theta: Floats
+    """Phase of the excitation in rad."""
+    model: Model
+    contact: Floats
+    """Force in N that is left in the rock's."""
+    push: Floats
+    """Force in N that is left in those on the indenter other than the rock's."""
+
+
+Seen = Callable[[Motion], tuple[Floats, Floats]]
+"""Argument of a law at samples, and what they leave of its value."""
 
 
 class Shown(NamedTuple):
@@ -28,6 +55,10 @@ class Shown(NamedTuple):
     x: Floats
     y: Callable[[Model], Floats]
     """From the model with the law, of a recording, to values at x."""
+    seen: Seen | None = None
+    """None where neither channel shows the law at once."""
+    straight: bool = False
+    """Whether constants of the rig take up what is straight in the law."""
 
 
 def _at(model: Model, axes: Axes, place: int, x: Floats) -> Floats:
@@ -51,7 +82,14 @@ def _contact_law(axes: Axes) -> Shown:
         depth = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
         return model.s[predict.K_L] * (np.interp(x, depth, w) - x)
 
-    return Shown("depth, loading", "m", "N", x, y)
+    def seen(motion: Motion) -> tuple[Floats, Floats]:
+        w = np.linspace(0.0, 1.5 * top, 1500)
+        kappa = np.exp(_at(motion.model, axes, predict.LOADING, w))
+        depth = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
+        loading = (motion.path[predict.W] > 0.0) & (motion.path[predict.V2] > 0.0)
+        return np.interp(motion.path[predict.W][loading], w, depth), motion.contact[loading]
+
+    return Shown("depth, loading", "m", "N", x, y, seen, straight=True)
 
 
 def _contact_rate(axes: Axes, depth: float) -> Shown:
@@ -61,26 +99,57 @@ def _contact_rate(axes: Axes, depth: float) -> Shown:
         force = model.s[predict.K_L] * depth * _at(model, axes, predict.RATE_FACTOR, x)
         return force + _at(model, axes, predict.RATE_FORCE, x)
 
-    return Shown("speed into the rock, at the median depth", "m/s", "N", x, y)
+    def seen(motion: Motion) -> tuple[Floats, Floats]:
+        w, into = motion.path[predict.W], motion.path[predict.V2] - motion.path[predict.UD]
+        near = (into > 0.0) & (w > depth / NEAR_DEPTH) & (w < depth * NEAR_DEPTH)
+        return into[near], motion.contact[near]
+
+    return Shown("speed into the rock, at the median depth", "m/s", "N", x, y, seen)
 
 
-def _plain(axes: Axes, place: int, argument: str, argument_unit: str, unit: str) -> Shown:
+def _plain(axes: Axes, place: int, argument: str, argument_unit: str, unit: str, seen: Seen | None) -> Shown:
     low, high = _ends(axes, place)
     x = np.linspace(low, high, POINTS)
-    return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x))
+    straight = place in (predict.SPRING, predict.SPRING_FROM_REST, predict.DAMPER, predict.DRIVE)
+    return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
+
+
+def _over_spring(motion: Motion) -> tuple[Floats, Floats]:
+    return motion.path[predict.Y], motion.push
+
+
+def _over_play(motion: Motion) -> tuple[Floats, Floats]:
+    return motion.path[predict.Y] - motion.model.s[predict.F_B] / motion.model.s[predict.K], motion.push
+
+
+def _over_damper(motion: Motion) -> tuple[Floats, Floats]:
+    return motion.path[predict.V1] - motion.path[predict.V2], motion.push
+
+
+def _over_indenter(motion: Motion) -> tuple[Floats, Floats]:
+    return motion.path[predict.V2], -motion.push
+
+
+def _over_phase(motion: Motion) -> tuple[Floats, Floats]:
+    return np.mod(motion.theta, 2.0 * np.pi), motion.push / motion.model.s[predict.F_A]
+
+
+def _over_drive(motion: Motion) -> tuple[Floats, Floats]:
+    s = motion.model.s
+    return s[predict.F_A] * np.sin(motion.theta + s[predict.PHASE]), motion.push
 
 
 def shown(family: Family, fitted: Fitted, depth: float) -> Shown:
     """How a family's law is shown; ``depth`` is the median loading depth in m."""
     axes = fitted.hypothesis.axes
     plain = {
-        "spring": (predict.SPRING, "shortening of the coupling", "m", "N"),
-        "backlash": (predict.SPRING_FROM_REST, "shortening beyond that at rest", "m", "N"),
-        "damper": (predict.DAMPER, "closing speed of the coupling", "m/s", "N"),
-        "guide-friction": (predict.GUIDE, "speed of the shaker body", "m/s", "N"),
-        "indenter-friction": (predict.INDENTER, "speed of the indenter", "m/s", "N"),
-        "drive-harmonics": (predict.WAVEFORM, "phase of the excitation", "rad", "1"),
-        "force-limit": (predict.DRIVE, "force asked of the drive", "N", "N"),
+        "spring": (predict.SPRING, "shortening of the coupling", "m", "N", _over_spring),
+        "backlash": (predict.SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
+        "damper": (predict.DAMPER, "closing speed of the coupling", "m/s", "N", _over_damper),
+        "guide-friction": (predict.GUIDE, "speed of the shaker body", "m/s", "N", None),
+        "indenter-friction": (predict.INDENTER, "speed of the indenter", "m/s", "N", _over_indenter),
+        "drive-harmonics": (predict.WAVEFORM, "phase of the excitation", "rad", "1", _over_phase),
+        "force-limit": (predict.DRIVE, "force asked of the drive", "N", "N", _over_drive),
     }
     if family.group in plain:
         return _plain(axes, *plain[family.group])
@@ -121,43 +190,68 @@ def band(fitted: Fitted, inside: Sequence[int], jacobian: Floats) -> Floats:
     return np.sqrt(np.maximum(np.einsum("xi,ij,xj->x", jacobian, covariance, jacobian), 0.0))
 
 
-def measured_law(fitted: Fitted, family: Family, terms: Sequence[Term], depth: float) -> dict[str, Any]:
-    """The curve of a finding, as ``law`` of a report: x, y and a 95 % band."""
-    display = shown(family, fitted, depth)
-    names = {each.name for each in terms}
-    unknowns = fitted.hypothesis.unknowns
-    widths = np.array([each.width for each in unknowns])
+def motions_left(fitted: Fitted) -> list[Motion]:
+    """Every recording's motion, and what it leaves."""
+    found = []
+    for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
+        values, data, inside = fitted.values, block.data, block.judged
+        model = block.hypothesis.model(values, block.scene)
+        raw = block.integrate(model, own, no_columns(), 0, path=True)
+        force, acceleration = (block.measured - block.read(values, raw.said) - block.disturbance(own))[:, inside]
+        theta = data.phase + data.omega / data.rate * np.arange(data.force.size, dtype=np.float64)[inside]
+        push = model.s[predict.M2] * acceleration + force
+        found.append(Motion(raw.path[:, :: block.over][:, inside], theta, model, force, push))
+    return found
+
+
+def partial_residuals(fitted: Fitted, display: Shown, y: Floats) -> dict[str, list[float]] | None:
+    """Means of a law's partial residuals over parts of its argument, with their standard errors."""
+    if display.seen is None:
+        return None
+    x, left = (np.concatenate(each) for each in zip(*map(display.seen, motions_left(fitted)), strict=True))
+    edges = np.linspace(display.x[0], display.x[-1], BINS + 1)
+    inside = (x >= edges[0]) & (x < edges[-1])
+    at, left = np.digitize(x[inside], edges) - 1, left[inside]
+    count = np.bincount(at, minlength=BINS)
+    some = count >= FEW
+    mean = np.bincount(at, left, BINS)[some] / count[some]
+    spread = np.sqrt(np.maximum(np.bincount(at, left**2, BINS)[some] / count[some] - mean**2, 0.0) / count[some])
+    middle = 0.5 * (edges[1:] + edges[:-1])[some]
+    return {
+        "x": middle.tolist(),
+        "y": (np.interp(middle, display.x, y) + mean).tolist(),
+        "std": spread.tolist(),
+    }
+
+
+def nearest_curve(fitted: Fitted, display: Shown, y: Floats, equation: Equation, values: Floats) -> Floats:
+    """An equation's curve, less what is straight in its difference from the law where constants take that up."""
     axes, scene = fitted.hypothesis.axes, fitted.blocks[0].scene
+    model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+    fitted.hypothesis.terms[0].contribute(fitted.hypothesis.split(fitted.values)[0], model, scene, axes)
+    equation.contribute(values, model, scene, axes)
+    curve = display.y(model)
+    if display.straight:
+        columns = np.column_stack([np.ones_like(display.x), display.x])[:, int(display.x[0] == 0.0) :]
+        curve = curve + columns @ np.linalg.lstsq(columns, y - curve)[0]
+    return curve
+
+
+def measured_law(
+    fitted: Fitted, family: Family, terms: Sequence[Term], depth: float, nearest: tuple[Term, Floats] | None = None
+) -> dict[str, Any]:
+    """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
+    display = shown(family, fitted, depth)
     own_indices = indices_of(fitted, terms)
-
-    def curve(shared: Floats) -> Floats:
-        split = fitted.hypothesis.split(shared * widths)
-
-        def at(frequency: float) -> Model:
-            model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
-            fitted.hypothesis.terms[0].contribute(split[0], model, scene, axes)
-            there = scene._replace(frequency=frequency)
-            if display.argument == "frequency":
-                model.s[predict.F_A] = 1.0
-            for term, own in zip(fitted.hypothesis.terms, split, strict=True):
-                if term.name in names:
-                    term.contribute(own, model, there, axes)
-            return model
-
-        if display.argument == "frequency":
-            return np.array([float(at(f).s[predict.F_A]) - 1.0 for f in display.x])
-        return display.y(at(scene.frequency))
-
     at = fitted.fit.shared
-    y = curve(at)
+    y = curve_of(fitted, display, terms, at)
     slopes = []
     for i in own_indices:
-        step = 1e-3
         ahead = at.copy()
-        ahead[i] += step
-        slopes.append((curve(ahead) - y) / step)
+        ahead[i] += 1e-3
+        slopes.append((curve_of(fitted, display, terms, ahead) - y) / 1e-3)
     spread = band(fitted, own_indices, np.array(slopes).T)
-    return {
+    law = {
         "argument": display.argument,
         "argument_unit": display.argument_unit,
         "unit": display.unit,
@@ -166,6 +260,36 @@ def measured_law(fitted: Fitted, family: Family, terms: Sequence[Term], depth: f
         "low": (y - BAND * spread).tolist(),
         "high": (y + BAND * spread).tolist(),
     }
+    seen = partial_residuals(fitted, display, y)
+    if seen is not None:
+        law["partial_residuals"] = seen
+    equation, values = nearest or (None, np.zeros(0))
+    if isinstance(equation, Equation):
+        curve = nearest_curve(fitted, display, y, equation, values)
+        law["nearest"] = {"form": equation.name, "y": curve.tolist()}
+    return law
+
+
+def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floats) -> Floats:
+    """What some terms say at the points of a display, with shared parameters in the solver's units."""
+    hypothesis, scene = fitted.hypothesis, fitted.blocks[0].scene
+    split = hypothesis.split(shared * np.array([each.width for each in hypothesis.unknowns]))
+    names = {each.name for each in terms}
+
+    def at(frequency: float) -> Model:
+        model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+        hypothesis.terms[0].contribute(split[0], model, scene, hypothesis.axes)
+        there = scene._replace(frequency=frequency)
+        if display.argument == "frequency":
+            model.s[predict.F_A] = 1.0
+        for term, own in zip(hypothesis.terms, split, strict=True):
+            if term.name in names:
+                term.contribute(own, model, there, hypothesis.axes)
+        return model
+
+    if display.argument == "frequency":
+        return np.array([float(at(f).s[predict.F_A]) - 1.0 for f in display.x])
+    return display.y(at(scene.frequency))
 
 
 def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:

@@ -1,8 +1,9 @@
-// Draws the waveforms of one recording at a time. The data stand in the page as JSON, the samples in single precision.
+// Draws the laws that were found, and the waveforms of one recording at a time. The data stand in the page as JSON, the samples in single precision.
 (function () {
   "use strict";
 
-  const waves = JSON.parse(document.getElementById("data").textContent).waves;
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const waves = data.waves;
   const choice = document.getElementById("recording");
   const plot = document.getElementById("waves");
   const along = document.getElementById("along");
@@ -31,6 +32,66 @@
     toImageButtonOptions: { format: "svg", filename: "waveforms" },
   };
   const FONT = { family: getComputedStyle(document.body).fontFamily, size: 13, color: "#1c2329" };
+
+  function lawAxis(title) {
+    return {
+      title: { text: title },
+      gridcolor: "#e8ebed",
+      linecolor: "#9aa4ac",
+      showline: true,
+      zerolinecolor: "#9aa4ac",
+      exponentformat: "power",
+    };
+  }
+
+  // The curve over its band, what the recordings show of it, and the nearest equation of the library.
+  function drawLaw(law, i) {
+    if (!law) {
+      return;
+    }
+    const traces = [
+      {
+        x: law.x.concat(law.x.slice().reverse()),
+        y: law.high.concat(law.low.slice().reverse()),
+        fill: "toself",
+        fillcolor: "rgba(0, 114, 178, 0.2)",
+        line: { width: 0 },
+        hoverinfo: "skip",
+        mode: "lines",
+        name: "95 % band",
+      },
+    ];
+    if (law.seen) {
+      traces.push({
+        x: law.seen.x,
+        y: law.seen.y,
+        error_y: { type: "data", array: law.seen.std, color: "#a3acb3", thickness: 1, width: 0 },
+        mode: "markers",
+        marker: { color: "#7b858d", size: 5 },
+        name: "recordings (partial residuals)",
+      });
+    }
+    if (law.nearest) {
+      traces.push({
+        x: law.x,
+        y: law.nearest.y,
+        mode: "lines",
+        line: { color: "#d55e00", width: 1.5, dash: "5px,3px" },
+        name: "nearest equation, " + law.nearest.form,
+      });
+    }
+    traces.push({ x: law.x, y: law.y, mode: "lines", line: { color: "#0072b2", width: 2 }, name: "law, " + law.form });
+    const layout = {
+      font: Object.assign({}, FONT),
+      margin: { l: 84, r: 12, t: 12, b: 48 },
+      paper_bgcolor: "#fff",
+      plot_bgcolor: "#fff",
+      xaxis: lawAxis(law.argument),
+      yaxis: lawAxis(law.value),
+      legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left" },
+    };
+    Plotly.newPlot(document.getElementById("law-" + i), traces, layout, CONFIG);
+  }
 
   function floats(text) {
     return new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
@@ -179,6 +240,10 @@
     draw();
   }
 
+  data.laws.forEach(drawLaw);
+  if (!waves.length) {
+    return;
+  }
   choice.addEventListener("change", draw);
   document.getElementById("previous").addEventListener("click", () => move(-1));
   document.getElementById("next").addEventListener("click", () => move(1));

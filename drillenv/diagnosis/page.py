@@ -1,8 +1,8 @@
 """The answer as one page for a browser, which needs nothing but itself: no server, no network.
 
-The words and tables are written here and in ``page.html``; ``page.js`` draws the waveforms with Plotly, whose library
-goes into the page once. Whatever comes from a campaign is text to the page: Jinja escapes it, the waveforms travel as
-data, and the page tells the browser by their hashes which scripts are its own, so that it runs no other.
+The words and tables are written here and in ``page.html``; ``page.js`` draws laws and waveforms with Plotly, whose
+library goes into the page once. Whatever comes from a campaign is text to the page: Jinja escapes it, the curves travel
+as data, and the page tells the browser by their hashes which scripts are its own, so that it runs no other.
 """
 
 from __future__ import annotations
@@ -100,8 +100,8 @@ def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
     for wave in waves:
         _check(wave)
     own = {name: (files("drillenv.diagnosis") / name).read_text(encoding="utf-8") for name in ("page.css", "page.js")}
-    scripts = [get_plotlyjs(), own["page.js"]] if waves else []
-    data = {"waves": _drawn(waves)}
+    data = {"waves": _drawn(waves), "laws": [_law(each) for each in record.get("findings") or []]}
+    scripts = [get_plotlyjs(), own["page.js"]] if waves or any(data["laws"]) else []
     surroundings = Environment(
         loader=PackageLoader("drillenv.diagnosis", "."),
         autoescape=True,
@@ -458,6 +458,23 @@ class _Scale:
 # mechanisms and constants
 
 
+def _law(finding: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What page.js needs to draw the law of a finding."""
+    law = finding.get("law")
+    if not law:
+        return None
+    form = "measured" if finding.get("form") in (None, "measured") else f"as {finding['form']}"
+    nearest = law.get("nearest")
+    return {
+        **{key: law[key] for key in ("x", "y", "low", "high")},
+        "seen": law.get("partial_residuals"),
+        "nearest": None if nearest is None else {"form": _plain(nearest["form"]), "y": nearest["y"]},
+        "form": _plain(form),
+        "argument": _plain(f"{law['argument']}, {_unit(law['argument_unit'])}"),
+        "value": _plain(f"{law.get('quantity', 'missing')}, {_unit(law['unit'])}"),
+    }
+
+
 def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
     mechanism, evidence = str(finding["mechanism"]), finding.get("evidence") or {}
     lag = {key: entry for key, entry in (evidence.get("beside_a_free_lag") or {}).items() if isinstance(entry, Mapping)}
@@ -467,6 +484,7 @@ def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
         "equation": evidence.get("equation") or "",
         "source": list(_linked(str(evidence.get("source") or ""))),
         "strengths": [_strength(mechanism, *each) for each in (finding.get("parameters") or {}).items()],
+        "law": bool(finding.get("law")),
         "equivalents": _listed(str(each) for each in finding.get("equivalents") or []),
         "separate": evidence.get("separate") or [],
         "gain": number(evidence.get("gain")),
