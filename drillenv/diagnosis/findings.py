@@ -234,6 +234,9 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
             "recordings": struck,
             "summary": " ".join(effect.sentence for effect in effects),
         }
+    known = [step.family.outside for step in outcome.steps if step.family.outside]
+    if known:
+        return {"balance": "sensor", "regimes": list(CELLS), "recordings": struck, "summary": " ".join(known)}
     surplus: dict[tuple[str, str], float] = {}
     for each in cells:
         key = each["channel"], each["regime"]

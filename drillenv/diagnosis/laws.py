@@ -232,6 +232,8 @@ class Family:
     terms: tuple[Term, ...]
     known_as: str = ""
     """The mechanism where no equation of the library tells which; the group's name where empty."""
+    outside: str = ""
+    """A sentence for what no mechanism of the library is: such a family says what a campaign is ``unexplained`` by."""
 
     @property
     def mechanism(self) -> str:

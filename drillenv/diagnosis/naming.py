@@ -59,6 +59,7 @@ SENSORS = {
     "sensor-offset": ("sensor-offset",),
     "mains-hum": ("mains-hum", "hum 50 Hz", "hum 60 Hz"),
     "sensor-highpass": (),
+    "crosstalk": (),
 }
 """Equations of sensors by the family whose law they may follow."""
 

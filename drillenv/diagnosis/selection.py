@@ -289,12 +289,15 @@ def forward(
         ]
         scores, level = score_tests(fitted, tried, pool)
         level = level if earlier is None else min(level, earlier.level)
+        # beside a law that is itself not exact, chance is not all that a gain has to exceed
         least = errors_of_laws(fitted, steps)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        slight = [each for each in scores if each.gain < LAW_LEFT**2 * named.get(each.family.group, 0.0)]
-        open_ = [each for each in scores if each not in slight]
-        chosen = shortlist(open_, level, least, fitted.per_freedom > CLOSE)
+        needed = [
+            max(LAW_LEFT**2 * named.get(each.family.group, 0.0), least, penalty(each.freedom, fitted) if steps else 0.0)
+            for each in scores
+        ]
+        chosen = shortlist(scores, level, needed, fitted)
         step = None
         if chosen and len(steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
@@ -308,19 +311,26 @@ def forward(
         fitted = step.after
 
 
+def penalty(freedom: int, fitted: Fitted) -> float:
+    """Log-likelihood that parameters have to gain (G. Schwarz, Annals of Statistics 6 (1978) 461-464)."""
+    return 0.5 * freedom * float(np.log(fitted.samples))
+
+
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
     """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most all that is left."""
     gain = max((each.gain_in(fitted) for each in steps), default=0.0)
     return min(LAW_LEFT**2 * gain, 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples)
 
 
-def shortlist(scores: Sequence[Score], level: float, least: float, far: bool) -> list[Score]:
+def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fitted: Fitted) -> list[Score]:
     """The families to fit: those whose gain is no chance and near to the best, two of one mechanism at most.
 
     What has states of its own resonates: its gain at zero strength says little of that at another, and nothing where
-    the model is ``far`` off. So it is fitted at each frequency or time constant.
+    the model is far off. So it is fitted at each frequency or time constant.
     """
-    called = [each for each in scores if each.p < level and each.gain > least and each.confirmed]
+    far = fitted.per_freedom > CLOSE
+    pairs = zip(scores, needed, strict=True)
+    called = [each for each, least in pairs if each.p < level and each.gain > least and each.confirmed]
     chosen: list[Score] = []
     for each in called:
         same = [other for other in chosen if other.family.group == each.family.group]
@@ -347,10 +357,14 @@ def best_step(
     One of the groups ``named`` corrects an equation and follows none itself.
     """
     fits: list[tuple[Score, Fitted]] = []
+
+    def criterion(pair: tuple[Score, Fitted]) -> float:
+        return pair[1].cost + penalty(pair[0].freedom, fitted)
+
     for each in chosen:
         fits.append((each, with_score(fitted, each, data, pool)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
-    fits.sort(key=lambda pair: pair[1].cost)
+    fits.sort(key=criterion)
     for rank, (each, other) in enumerate(fits[:CANDIDATES]):
         if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
             break
@@ -358,7 +372,7 @@ def best_step(
         again = fit_to(data, other.hypothesis, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
-    fits.sort(key=lambda pair: pair[1].cost)
+    fits.sort(key=criterion)
     best, found = fits[0]
     if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
         return None
@@ -435,7 +449,7 @@ def backward(
             if term in rest.terms
         ]
         other = fit_to(data, rest, np.concatenate(begun), fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
-        if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least):
+        if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least, penalty(step.freedom, fitted)):
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)
             fitted = other

@@ -143,6 +143,10 @@ def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -
     return force + values[0] * acceleration + behind, acceleration
 
 
+def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
+    return force, acceleration + values[0] * force
+
+
 @dataclass(frozen=True)
 class Law(Sensor):
     """A law of a few numbers: what is read of force and acceleration, (..., n) each, at a rate in Hz."""
@@ -258,8 +262,11 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         "sensor-offset": added(names),
         **{f"mains-hum {line:g} Hz": added(names, line, (1, 2)) for line in (50.0, 60.0)},
         "sensor-highpass": HighPass("high-pass", _free(gains, 0.2), 3),
+        "crosstalk": Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk),
     }
     if rings:
         found |= {f"accelerometer {each:.0f} Hz": free_response((each,)) for each in _resonators(24, rate)}
     known = {"accelerometer": "accelerometer-resonance"}
-    return [Family(name, name.split()[0], (term,), known.get(name.split()[0], "")) for name, term in found.items()]
+    outside = {"crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled."}
+    groups = [(name, name.split()[0], term) for name, term in found.items()]
+    return [Family(name, its, (term,), known.get(its, ""), outside.get(its, "")) for name, its, term in groups]

@@ -264,7 +264,7 @@ def decided(plain: Fitted, final: Fitted, steps: Sequence[Step], held: tuple[flo
         much_held = max(2.0 * LEFT, 2.0 * LEFT_OF_ALL * (held[0] - 1.0))
         if held[1] - 1.0 > much_held:
             return "unexplained"
-    if left > much:
+    if left > much or any(step.family.outside for step in steps):
         return "unexplained"
     if steps:
         return "missing-physics"
