@@ -20,6 +20,7 @@
   };
   const WAVE_HEIGHT = 210;
   const RESIDUAL_HEIGHT = 110;
+  const LAW_HEIGHT = 350;
   const GAP = 26;
   const TOP = 58;
   const BOTTOM = 48;
@@ -81,7 +82,10 @@
       });
     }
     traces.push({ x: law.x, y: law.y, mode: "lines", line: { color: "#0072b2", width: 2 }, name: "law, " + law.form });
+    const place = document.getElementById("law-" + i);
     const layout = {
+      width: place.clientWidth,
+      height: LAW_HEIGHT,
       font: Object.assign({}, FONT),
       margin: { l: 84, r: 12, t: 12, b: 48 },
       paper_bgcolor: "#fff",
@@ -90,7 +94,7 @@
       yaxis: lawAxis(law.value),
       legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left" },
     };
-    Plotly.newPlot(document.getElementById("law-" + i), traces, layout, CONFIG);
+    Plotly.newPlot(place, traces, layout, CONFIG);
   }
 
   function floats(text) {
@@ -257,12 +261,12 @@
   let printing = false;
 
   function drawn() {
-    return [plot, along].filter((each) => each.data);
+    return [plot, along, ...document.querySelectorAll(".law")].filter((each) => each && each.data);
   }
 
   window.addEventListener("resize", () => {
     if (!printing) {
-      drawn().forEach((each) => Plotly.relayout(each, { width: plot.clientWidth }));
+      drawn().forEach((each) => Plotly.relayout(each, { width: each.clientWidth }));
     }
   });
   window.addEventListener("beforeprint", () => {
@@ -275,7 +279,7 @@
   window.addEventListener("afterprint", () => {
     printing = false;
     drawn().forEach((each) => {
-      Plotly.relayout(each, { width: plot.clientWidth, height: each.heightOnScreen, "font.size": FONT.size });
+      Plotly.relayout(each, { width: each.clientWidth, height: each.heightOnScreen, "font.size": FONT.size });
     });
   });
 

@@ -28,6 +28,19 @@ def blows(hertz, seconds, gain=1.0, seed=0, noise=2.0):
     return time, gain * 1500.0 * pulse + np.random.default_rng(seed).normal(0.0, noise, time.size)
 
 
+LAW = {
+    "argument": "speed into the rock, at the median depth",
+    "argument_unit": "m/s",
+    "unit": "N",
+    "x": [0.0, 0.1, 0.2],
+    "y": [0.0, 40.0, 70.0],
+    "low": [0.0, 38.0, 66.0],
+    "high": [0.0, 42.0, 74.0],
+    "partial_residuals": {"x": [0.05, 0.15], "y": [21.0, 56.0], "std": [1.0, 1.5]},
+    "nearest": {"form": "contact-rate: hunt-crossley", "y": [0.0, 36.0, 72.0]},
+}
+
+
 def drill(title="Sandstone, first shift", hostile=""):
     """A record and waveforms as of a drilling rig. ``hostile`` goes wherever a campaign or a lab may put words."""
     names = [f"r{i}{hostile}" for i in range(4)]
@@ -67,7 +80,9 @@ def drill(title="Sandstone, first shift", hostile=""):
                 "mechanism": "contact-rate",
                 "equivalents": ["contact-power-law"],
                 "explanation": "The rock resists a fast impact more than a slow one, and helps less on the way back.",
+                "form": "measured",
                 "parameters": {"chi": {"value": 0.5214, "std": 0.0312, "unit": "s/m"}},
+                "law": LAW,
                 "evidence": {
                     "gain": 1840.2,
                     "gain_needed": 32.6,
@@ -500,6 +515,21 @@ def test_the_page_draws_itself(browser, tmp_path, name, width):
     assert "Zoom" in buttons and not [each for each in buttons if re.search("share|cloud|studio", each, re.IGNORECASE)]
     for each in browser.find_elements("css selector", "section"):
         assert each.size["height"] > 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_waves", [True, False])
+def test_laws_are_drawn_with_their_band_residuals_and_nearest_equation(browser, tmp_path, with_waves):
+    browser.set_window_size(1280, 900)
+    title, record, waves = drill()
+    opened(browser, tmp_path, title, record, waves if with_waves else [])
+    assert complaints(browser) == []
+    names = browser.execute_script("return document.getElementById('law-0').data.map(e => e.name)")
+    assert names == [
+        "95 % band", "recordings (partial residuals)", "nearest equation, contact-rate: hunt-crossley", "law, measured",
+    ]  # fmt: skip
+    box = browser.find_element("css selector", "#law-0 .main-svg")
+    assert box.size["height"] > 250 and box.size["width"] > 500
 
 
 @pytest.mark.slow

@@ -293,4 +293,5 @@ def test_parameters_are_those_of_the_library():
         assert all(set(start) == {each.name for each in term.unknowns} for start in term.starts)
     assert {each.group for each in sensor_families(NAMES, RATE, True)} == {
         "accelerometer", "channel-delay", "load-cell-inertia", "sensor-offset", "mains-hum", "sensor-highpass",
+        "crosstalk",
     }  # fmt: skip
