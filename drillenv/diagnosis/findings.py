@@ -135,8 +135,7 @@ def strengths(final: Fitted, step: Step) -> dict[str, Any]:
 
 def equivalents(step: Step) -> list[str]:
     """Mechanisms that these recordings cannot tell from the one that is named."""
-    found = step.before.cost - step.gain
-    alike = {family.mechanism for family, other in step.rivals if other.cost - found < EQUAL}
+    alike = {family.mechanism for family, other in step.rivals if other.cost - step.found < EQUAL}
     return sorted(alike - {step.named.mechanism})
 
 
@@ -282,7 +281,7 @@ def rejected(outcome: Outcome) -> list[dict[str, str]]:
     said = []
     for step in outcome.steps:
         for family, other in step.rivals:
-            worse = other.cost - (step.before.cost - step.gain)
+            worse = other.cost - step.found
             said.append({"mechanism": family.mechanism, "why": f"explains less (log-likelihood lower by {worse:.0f})"})
     for score in outcome.tested.scores[:8]:
         why = f"gains too little (log-likelihood {score.gain:.1f}, p {score.p:.2g})"

@@ -71,10 +71,14 @@ def effect_of(term: Term) -> str:
     return "mains-hum" if term.name.startswith("hum") else term.name
 
 
-def without(hypothesis: Hypothesis, terms: Sequence[Term]) -> Hypothesis:
-    """The hypothesis less some of its terms."""
+def without(fitted: Fitted, terms: Sequence[Term]) -> tuple[Hypothesis, Floats]:
+    """The hypothesis less some of its terms, and where a fit stands by its parameters, in the solver's units."""
     names = {each.name for each in terms}
-    return Hypothesis(tuple(each for each in hypothesis.terms if each.name not in names), hypothesis.axes)
+    whole = fitted.hypothesis
+    kept = [each.name not in names for each in whole.terms]
+    hypothesis = Hypothesis(tuple(each for each, stays in zip(whole.terms, kept, strict=True) if stays), whole.axes)
+    parts = [part for part, stays in zip(whole.split(fitted.fit.shared), kept, strict=True) if stays]
+    return hypothesis, np.concatenate(parts)
 
 
 def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
@@ -250,16 +254,11 @@ def name_law(
 ) -> tuple[Named, Fitted]:
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
     tried: list[tuple[Term, Fitted]] = []
-    rest = without(fitted.hypothesis, family.terms)
-    kept = [
-        own / np.array([each.width for each in term.unknowns])
-        for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True)
-        if term in rest.terms
-    ]
+    rest, kept = without(fitted, family.terms)
     for equation, starts in rivals(fitted, family):
         for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
-            start = np.concatenate([constants, *kept[1:], values])
+            start = np.concatenate([constants, kept[constants.size :], values])
             other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
             if not other.fit.converged and other.cost - fitted.cost < gain:
                 begun, own = other.fit.shared, other.fit.own

@@ -223,6 +223,9 @@ class Step:
     terms: tuple[Term, ...]
     """Those of its law in the fit."""
     rivals: list[tuple[Family, Fitted]]
+    """Families that were fitted at the same step."""
+    found: float = 0.0
+    """Cost of the family's own fit at that step."""
 
     def gain_in(self, fitted: Fitted) -> float:
         """About the gain in as many samples as another fit has."""
@@ -237,13 +240,16 @@ def with_family(fitted: Fitted, family: Family, data, pool: Executor, limits: Li
 
 
 def with_score(fitted: Fitted, score: Score, data, pool: Executor) -> Fitted:
-    """The fit with one more family, where need be through windows that are free for a while.
+    """The fit with one more family; where it falls far short of what the score test promises, in more steps.
 
-    A joined fit may creep along a curved valley where one of free windows goes straight; it shows by a gain far below
-    that which the score test promises.
+    If that does not do either, through windows that are free for a while: a joined fit may creep along a curved valley
+    where one of free windows goes straight.
     """
     found = with_family(fitted, score.family, data, pool, SHORT)
     if fitted.weight > JOINED or fitted.cost - found.cost > PROMISED * score.gain:
+        return found
+    found = fit_to(data, found.hypothesis, found.fit.shared, found.fit.own, pool, fitted.weight, LONG, fitted.noise)
+    if fitted.cost - found.cost > PROMISED * score.gain:
         return found
     start = np.concatenate([fitted.fit.shared, [each.value / each.width for each in score.family.unknowns]])
     free = fit_to(data, found.hypothesis, start, fitted.fit.own, pool, FREE, SHORT, fitted.noise)
@@ -301,6 +307,9 @@ def forward(
         step = None
         if chosen and len(steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
+        if step is None and earlier is None and (other := exchanged(data, fitted, steps, pool, say)) is not None:
+            fitted = other
+            continue
         if step is None:
             return (*backward(data, fitted, steps, level, pool, say), Tested(scores, level))
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
@@ -311,15 +320,55 @@ def forward(
         fitted = step.after
 
 
+def exchanged(
+    data: Sequence[Conditioned], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say
+) -> Fitted | None:
+    """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
+
+    What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
+    that follows an equation to the noise leaves nothing that a rival could do better.
+    """
+    for step in steps:
+        if step.named.equation is not None and fitted.per_freedom < 1.0 + VISIBLE:
+            continue
+        close = [family for family, other in step.rivals if other.cost - step.found < LAW_LEFT * step.gain]
+        step.rivals = [each for each in step.rivals if each[0] not in close]
+        rest, begun = without(fitted, step.terms)
+        for family in close:
+            if any(each.family.group == family.group for each in steps):
+                continue
+            start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
+            hypothesis = Hypothesis(rest.terms + family.terms, rest.axes)
+            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, LONG, fitted.noise)
+            finer = refined(data, other, family, pool)
+            say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
+            if criterion(finer, fitted) < criterion(fitted, fitted):
+                fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
+                base = replace(fitted, hypothesis=rest, fit=fit)
+                found = settled(data, base, family, other, family.size, pool, say, False)
+                step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
+                return found.after
+    return None
+
+
+def criterion(other: Fitted, fitted: Fitted) -> float:
+    """Negative log-likelihood with the penalty on parameters, of fits of the same samples as a given one."""
+    return other.cost + penalty(other.fit.shared.size, fitted)
+
+
 def penalty(freedom: int, fitted: Fitted) -> float:
     """Log-likelihood that parameters have to gain (G. Schwarz, Annals of Statistics 6 (1978) 461-464)."""
     return 0.5 * freedom * float(np.log(fitted.samples))
 
 
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
-    """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most all that is left."""
+    """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most half of what is left.
+
+    What explains more than half of what is left is no error of another law.
+    """
     gain = max((each.gain_in(fitted) for each in steps), default=0.0)
-    return min(LAW_LEFT**2 * gain, 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples)
+    left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
+    return min(LAW_LEFT**2 * gain, 0.5 * left)
 
 
 def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fitted: Fitted) -> list[Score]:
@@ -358,13 +407,13 @@ def best_step(
     """
     fits: list[tuple[Score, Fitted]] = []
 
-    def criterion(pair: tuple[Score, Fitted]) -> float:
+    def order(pair: tuple[Score, Fitted]) -> float:
         return pair[1].cost + penalty(pair[0].freedom, fitted)
 
     for each in chosen:
         fits.append((each, with_score(fitted, each, data, pool)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
-    fits.sort(key=criterion)
+    fits.sort(key=order)
     for rank, (each, other) in enumerate(fits[:CANDIDATES]):
         if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
             break
@@ -372,12 +421,12 @@ def best_step(
         again = fit_to(data, other.hypothesis, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
-    fits.sort(key=criterion)
+    fits.sort(key=order)
     best, found = fits[0]
     if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
         return None
     step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
-    step.rivals = [(each.family, other) for each, other in fits[1:]]
+    step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
 
 
@@ -423,12 +472,8 @@ def corrected_equation(
     scaled = start / np.array([each.width for each in equation.unknowns])
     hypothesis = Hypothesis((*fitted.hypothesis.terms, equation, *family.terms), fitted.hypothesis.axes)
     zeros = np.array([each.value / each.width for each in family.unknowns])
-    kept = [
-        own / np.array([each.width for each in term.unknowns])
-        for term, own in zip(other.hypothesis.terms, other.hypothesis.split(other.values), strict=True)
-        if term in fitted.hypothesis.terms
-    ]
-    begun = np.concatenate([*kept, scaled, zeros])
+    added = [each for each in other.hypothesis.terms if each not in fitted.hypothesis.terms]
+    begun = np.concatenate([without(other, added)[1], scaled, zeros])
     both = fit_to(data, hypothesis, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
     return both, (equation, *family.terms)
 
@@ -442,13 +487,8 @@ def backward(
     for step in sorted(steps, key=lambda each: each.gain):
         if len(kept) < 2:
             break
-        rest = without(fitted.hypothesis, step.terms)
-        begun = [
-            own / np.array([each.width for each in term.unknowns])
-            for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True)
-            if term in rest.terms
-        ]
-        other = fit_to(data, rest, np.concatenate(begun), fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
+        rest, begun = without(fitted, step.terms)
+        other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
         if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least, penalty(step.freedom, fitted)):
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)

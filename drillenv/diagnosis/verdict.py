@@ -30,6 +30,7 @@ from drillenv.diagnosis.fitting import (
     resized,
 )
 from drillenv.diagnosis.naming import Named
+from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.selection import Step, Tested, forward
 from drillenv.diagnosis.sensing import Added
@@ -158,7 +159,8 @@ def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fit
     if all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True)):
         return fitted
     there = evaluated(data, fitted, pool)
-    noise = [each.block.noise for each in there]
+    # lines that the model has itself are no noise
+    noise = [without_lines(each.block, own_lines(fitted)) for each in there]
     own = [each.own for each in there]
     limits = Limits(10, 0.5, 0.003)
     return fit_to(data, fitted.hypothesis, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
@@ -229,20 +231,39 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
 
 def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
     """The same model with lines whose amplitudes are each recording's as lines of a recording that was left out."""
-    kept, start, more = [], [], []
+    kept, start = [], []
     for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True):
-        if isinstance(term, Added) and term.names:
-            frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
-            more += [float(order * frequency) for order in term.orders] or [0.0]
-        else:
+        if not (isinstance(term, Added) and term.names):
             kept.append(term)
             start.append(own / np.array([each.width for each in term.unknowns]))
     if len(kept) == len(fitted.hypothesis.terms):
         return fitted, level
+    more = own_lines(fitted)
     hypothesis = Hypothesis(tuple(kept), fitted.hypothesis.axes)
     first, second = (replace(each, lines=tuple(sorted({*each.lines, *more}))) for each in level)
     fit = replace(fitted.fit, shared=np.concatenate(start))
     return Fitted(hypothesis, fitted.blocks, fit, fitted.priors), (first, second)
+
+
+def own_lines(fitted: Fitted) -> list[float]:
+    """Frequencies (Hz) of lines of the model whose amplitudes are each recording's; 0 is an offset."""
+    found: list[float] = []
+    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True):
+        if isinstance(term, Added) and term.names:
+            frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
+            found += [float(order * frequency) for order in term.orders] or [0.0]
+    return found
+
+
+def without_lines(block: Recorded, lines: Sequence[float]) -> Noise:
+    """A recording's noise without what is not told from some lines."""
+    apart = block.data.rate / block.data.force.size
+
+    def less(level: NoiseModel) -> NoiseModel:
+        return replace(level, lines=tuple(x for x in level.lines if all(abs(x - line) > apart for line in lines)))
+
+    first, second = block.noise
+    return less(first), less(second)
 
 
 def chi_square(blocks: Sequence[Settled]) -> float:
