@@ -125,11 +125,14 @@ def strengths(final: Fitted, step: Step) -> dict[str, Any]:
         first += len(term.unknowns)
     if step.named.mechanism == "mains-hum":
         sizes = [each for name, each in found.items() if name != "f_m"]
-        force = np.array([each["value"] for each in sizes]).reshape(-1, 2, 2)
-        b_f, b_a = (float(np.sqrt(np.mean(np.sum(force[:, i] ** 2, axis=1)))) for i in (0, 1))
-        std = float(np.mean([each["std"] for each in sizes])) / math.sqrt(len(force))
         found = {name: each for name, each in found.items() if name == "f_m"}
-        found |= {"b_f": {"value": b_f, "std": std, "unit": "N"}, "b_a": {"value": b_a, "std": std, "unit": "m/s^2"}}
+        # by recording, channel, sine and cosine
+        values = np.array([each["value"] for each in sizes]).reshape(-1, 2, 2)
+        spread = np.array([each["std"] for each in sizes]).reshape(-1, 2, 2)
+        for i, (name, unit) in enumerate((("b_f", "N"), ("b_a", "m/s^2"))):
+            value = float(np.sqrt(np.mean(np.sum(values[:, i] ** 2, axis=1))))
+            std = float(np.sqrt(np.mean(spread[:, i] ** 2) / len(values)))
+            found[name] = {"value": value, "std": std, "unit": unit}
     return found
 
 
