@@ -17,6 +17,7 @@ from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_li
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
 from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.thresholds import CLOSE
 
 FREE, JOINED = 1e3, 1.0
 """Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
@@ -28,8 +29,6 @@ TAILS = 4.0
 FULL = Limits()
 SETTLING = 6
 """Steps of own unknowns alone before a fit that begins elsewhere."""
-CLOSE = 1.5
-"""Reduced chi-square from which a model is too far off for its windows to be joined further."""
 
 
 @dataclass

@@ -19,11 +19,8 @@ from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import Hypothesis, Model, Term
+from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR
 
-LAW_ERROR = 0.05
-"""Relative error up to which an equation is said to give a fitted law: it leaves a share LAW_ERROR^2 of its gain."""
-ALIKE = 0.01
-"""Probability of calling an equation worse than the free law though it is the true one."""
 LEVEL = 0.08
 """Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)

@@ -13,38 +13,24 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
-from drillenv.diagnosis.fitting import CLOSE, FREE, JOINED, Fitted, fit_to, joined, kept_of, noise_left, resized
+from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import Family, families, moved_to
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
 from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.thresholds import CLOSE, FAINT, FALSE_ALARMS, LAW_LEFT, LEFT, NEAR, POSSIBLE, UNCONFIRMED
 
-FALSE_ALARMS = 0.002
-"""Probability that a campaign where nothing is missing gives any family a gain that counts."""
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
-LAW_LEFT = 0.1
-"""Relative error of a law that was found: what it leaves, a share LAW_LEFT^2 of its gain, calls for nothing further."""
-POSSIBLE = 0.1
-"""p-value on stretches up to which a family is tested on whole recordings: with several times the samples, one that is
-there is much less likely by chance than this already."""
 MOST = 4
 """Families, at most."""
-VISIBLE = 0.03
-"""Over-dispersion from which a law is looked at more closely."""
 SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(25, 0.5, 0.003)
 DETAILS = (2, 4)
 """Resolutions of a free law that are tried."""
-FAINT = 0.05
-"""The same for families with states of their own, whose gain at zero strength says little."""
-UNCONFIRMED = 0.03
-"""Share of a gain that may be lost on recordings that are left out."""
 PROMISED = 0.5
 """Share of the gain of a score test that a fit has to reach at once."""
-NEAR = 0.25
-"""Share of the best score test's gain from which a family is a candidate."""
 
 
 class Score(NamedTuple):
@@ -188,7 +174,7 @@ def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
         more = finer.fit.shared.size - fitted.fit.shared.size
         enough = fitted.cost - finer.cost < 0.5 * chi2.isf(FALSE_ALARMS, max(more, 1))
         fitted = fitted if enough else finer
-        if enough or finer.per_freedom < 1.0 + VISIBLE:
+        if enough or finer.per_freedom < 1.0 + LEFT:
             break
     return fitted
 
@@ -329,7 +315,7 @@ def exchanged(
     that follows an equation to the noise leaves nothing that a rival could do better.
     """
     for step in steps:
-        if step.named.equation is not None and fitted.per_freedom < 1.0 + VISIBLE:
+        if step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT:
             continue
         close = [family for family, other in step.rivals if other.cost - step.found < LAW_LEFT * step.gain]
         step.rivals = [each for each in step.rivals if each[0] not in close]
@@ -450,7 +436,7 @@ def settled(
         if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer):
             named.equation, other = None, finer
             terms = tuple(each for each in finer.hypothesis.terms if each.name in {one.name for one in family.terms})
-    if named.nearest and named.equation is None and other.per_freedom > 1.0 + VISIBLE:
+    if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
         both, joint = corrected_equation(data, named, fitted, other, family, pool)
         if both.cost < other.cost - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")

@@ -16,7 +16,6 @@ from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
 from drillenv.diagnosis.drill import Recorded, first_states, no_columns
 from drillenv.diagnosis.fitting import (
-    CLOSE,
     FREE,
     GRADUAL,
     JOINED,
@@ -36,16 +35,11 @@ from drillenv.diagnosis.selection import Step, Tested, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.thresholds import CLOSE, LEFT, LEFT_OF_ALL, SEVERAL
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
 Verdict = Literal["agrees", "parameters", "missing-physics", "unexplained"]
-SEVERAL = 3.5
-"""Stated standard deviations from which a constant is wrong: labs misjudge theirs by a half."""
-LEFT = 0.03
-"""Over-dispersion, as a share of the noise's power, up to which nothing is left to explain."""
-LEFT_OF_ALL = 0.05
-"""The same as a share of what the paper's model leaves beyond the noise: what a law of 5 % error in places leaves."""
 STRETCH = 16
 """Windows of each recording by which families are told from each other, before all of it is fitted: about as many
 periods, in which a rig that runs repeats itself several times."""
