@@ -12,13 +12,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import cont2discrete, lfilter, upfirdn
 
 from drillenv.checks import InputError
+from drillenv.diagnosis.noise import quantum
 from drillenv.recordings import Recording
 from drillenv.rig import Rig, Setting
 
@@ -29,7 +31,11 @@ USUAL, PRESSED = 20.0, 2.0
 SHORTEST, LONGEST = 0.6, 1.4
 """Excitation periods between which a window's length is, where there is a flight to end it."""
 GRID = 4
-"""Windows begin and end at samples that this divides, so that every fourth sample makes a recording of its own."""
+"""Windows begin and end at samples that this divides, so that they do at those that are left of a recording too."""
+ENOUGH = 12e3
+"""Hz from which a recording is sampled densely enough: what the rock and the coupling do is over by a few kHz."""
+ROLL_OFF, LOBES = 0.5, 6
+"""Of the filter by which a recording is thinned: the excess of its band, and samples on either side that it takes."""
 LONGEST_LAG = 1e-3
 """Seconds by which a channel may lag to be told at once."""
 EVIDENT, ALIKE = 2.0, 1.0
@@ -79,6 +85,10 @@ class Conditioned:
     states: np.ndarray
     """(windows, 4) first guess at the beginning of each window of the coupling's spring force and damper force in N, of
     the indenter's speed in m/s and of its depth in m, negative off the rock."""
+    thinned: int = 1
+    """How many samples of the logger make one of these: see :func:`thinning`."""
+    quanta: tuple[float, float] = (0.0, 0.0)
+    """Steps of the converter on force and acceleration that would leave as much noise on these samples."""
 
     def first(self, windows: int) -> Conditioned:
         """Its first windows only, where it has more."""
@@ -321,21 +331,57 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     states[:, 1] = rig.damping * (states[:, 1] - states[:, 2])
     if fresh:
         states[0] = rig.static_force(setting), 0.0, 0.0, 0.0
+    factor = next(each for each in (4, 2, 1) if rate / each >= ENOUGH or each == 1)
+    # white noise and rounding lose as much as is averaged
+    less = 1.0 / math.sqrt(factor)
     return Conditioned(
         recording.name,
         setting,
         fresh,
-        rate,
-        force,
-        acceleration,
+        rate / factor,
+        thin(force, factor),
+        thin(acceleration, factor),
         omega,
         phase,
         amplitude,
-        noise[0],
-        noise[1],
-        starts,
+        less * noise[0],
+        less * noise[1],
+        starts // factor,
         states,
+        factor,
+        (less * quantum(force), less * quantum(acceleration)),
     )
+
+
+@lru_cache(maxsize=8)
+def thinning(factor: int) -> np.ndarray:
+    """(taps,) centred filter with which every so many-th sample is kept; its sum is 1.
+
+    A root-raised-cosine filter: its convolution with itself has zeros at the distance of the samples that are kept, so
+    that white noise stays white (J. G. Proakis, Digital Communications, McGraw-Hill, 2001, Section 9.2.1). Part of what
+    lies above their Nyquist frequency is folded down; models pass through the same filter.
+    """
+    if factor == 1:
+        return np.ones(1)
+    t = np.arange(-LOBES * factor, LOBES * factor + 1) / factor
+    edge = np.isclose(np.abs(4.0 * ROLL_OFF * t), 1.0)
+    safe = np.where(edge | (t == 0.0), 0.123, t)
+    top = np.sin(math.pi * safe * (1.0 - ROLL_OFF))
+    top += 4.0 * ROLL_OFF * safe * np.cos(math.pi * safe * (1.0 + ROLL_OFF))
+    taps = top / (math.pi * safe * (1.0 - (4.0 * ROLL_OFF * safe) ** 2))
+    taps[t == 0.0] = 1.0 + ROLL_OFF * (4.0 / math.pi - 1.0)
+    quarter = math.pi / (4.0 * ROLL_OFF)
+    taps[edge] = (1.0 + 2.0 / math.pi) * math.sin(quarter) + (1.0 - 2.0 / math.pi) * math.cos(quarter)
+    taps[edge] *= ROLL_OFF / math.sqrt(2.0)
+    return taps / taps.sum()
+
+
+def thin(signals: np.ndarray, factor: int) -> np.ndarray:
+    """Signals (..., n) through :func:`thinning`, at every so many-th sample; at their ends they lack what is beyond."""
+    if factor == 1:
+        return signals
+    made = upfirdn(thinning(factor), signals, 1, factor, axis=-1)
+    return np.ascontiguousarray(made[..., LOBES : LOBES + signals.shape[-1] // factor])
 
 
 def flights(touches: np.ndarray, resting: np.ndarray, noise: float) -> np.ndarray:

@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve
 from scipy.signal import upfirdn
 
 from drillenv.diagnosis import predict
-from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.condition import Conditioned, thin, thinning
 from drillenv.diagnosis.coupling import (
     closing_speed,
     damper_force,
@@ -72,6 +72,8 @@ WORSE, CORRECTIONS = 10.0, 6
 """Own unknowns whose step makes a recording worse, up to so many times, take so many steps more of their own."""
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
+LONGEST_STEP = 84e-6
+"""s that a step of the integrator takes at most."""
 
 
 class Raw(NamedTuple):
@@ -90,6 +92,22 @@ class Raw(NamedTuple):
 def first_states(data: Conditioned) -> Floats:
     """Own unknowns of a recording as conditioning guesses them."""
     return np.append((data.states / STATE_WIDTHS[:4]).ravel(), [0.0, 0.0])
+
+
+def decimated(signals: Floats, kernel: Floats | None, fine: int, thinned: int) -> Floats:
+    """Signals (..., n) through the logger's centred kernel, at one in ``fine``, and thinned as the recording was."""
+    if kernel is None:
+        return thin(signals[..., ::fine], thinned)
+    taps = thinning(thinned)
+    spread = np.zeros(fine * (taps.size - 1) + 1)
+    spread[::fine] = taps
+    whole = np.convolve(kernel, spread)
+    over = fine * thinned
+    # as many whole samples on either side of the middle
+    reach = math.ceil((whole.size // 2) / over)
+    whole = np.pad(whole, reach * over - whole.size // 2)
+    made = upfirdn(whole, signals, 1, over, axis=-1)
+    return made[..., reach : reach + signals.shape[-1] // over]
 
 
 def no_columns() -> Columns:
@@ -114,8 +132,12 @@ class Recorded:
 
     def __post_init__(self) -> None:
         data = self.data
-        self.over = max(1, math.ceil(0.98 * DENSE / data.rate))
+        self.fine = max(1, math.ceil(0.98 * DENSE / (data.rate * data.thinned)))
+        """Times as fine as the logger's own samples."""
+        self.over = self.fine * data.thinned
         self.scene = scene_of(data)._replace(rate=data.rate * self.over)
+        longest = max(1, math.floor(LONGEST_STEP * self.scene.rate))
+        self.stride = max(each for each in range(1, longest + 1) if self.over % each == 0)
         self.starts = data.starts * self.over
         self.windows = len(data.starts) - 1
         self.inside = slice(int(self.starts[0]), int(self.starts[-1]))
@@ -171,7 +193,7 @@ class Recorded:
         wanted[columns.place[columns.kind == CURVE]] = True
         said = np.zeros((2, n))
         arrays = (
-            np.zeros((STATES, n if path else 0)),
+            np.zeros((STATES, n // self.stride if path else 0)),
             said,
             np.zeros((2, states, n)),
             np.zeros((2, count, n)),
@@ -181,7 +203,7 @@ class Recorded:
         )
         size = self.size(model) if size is None else size
         wave = Wave(model.turn, model.sine, model.cosine)
-        end = run(self.starts, begin, chained, self.scene.rate, 1, data.omega, data.phase, impacts, s, model.tables,
+        end = run(self.starts, begin, chained, self.scene.rate, self.stride, data.omega, data.phase, impacts, s, model.tables,
                   self.hypothesis.axes, active, wanted, wave, columns, states, size, *arrays)  # fmt: skip
         path_, said, by_state, by_column, ends, ends_by_state, ends_by_column = arrays
         if chained:
@@ -370,13 +392,7 @@ class Recorded:
 
     def sampled(self, values: Floats, signals: Floats) -> Floats:
         """Signals (..., fine) filtered by the logger, at its samples."""
-        kernel = self.hypothesis.kernel(values, self.over)
-        return signals[..., :: self.over] if kernel is None else self.decimated(kernel, signals)
-
-    def decimated(self, kernel: Floats, signals: Floats) -> Floats:
-        """Signals (..., fine) through a centred kernel, at the logger's samples."""
-        made = upfirdn(kernel, signals, 1, self.over, axis=-1)
-        return made[..., REACH : REACH + signals.shape[-1] // self.over]
+        return decimated(signals, self.hypothesis.kernel(values, self.fine), self.fine, self.data.thinned)
 
     def gaps(self, raw: Raw, own: Floats, model: Model) -> Floats:
         """(windows - 1, kept) residuals of the continuity constraints."""
@@ -392,9 +408,11 @@ class Recorded:
         by_own_begin, by_column_begin = self.beginning(own, model, columns)
         raw = chained(raw, self.starts, by_own_begin, by_column_begin)
         residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
-        shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, mixing)
+        seen = self.hypothesis.sense(values, raw.by_column.transpose(1, 0, 2), self.scene)
+        seen = self.weighed(self.sampled(values, seen)[:, :, self.judged])
+        shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, seen, mixing)
         local_mixing = self.local_mixing(columns, model)
-        wide = np.concatenate([self.local_columns(values, raw, local_mixing), shared_columns, residual[None]])
+        wide = np.concatenate([self.local_columns(seen, local_mixing), shared_columns, residual[None]])
         own_own, own_wide = self.window_products(values, raw, kept, wide)
         flat = wide.reshape(len(wide), -1)
         products = flat @ flat.T
@@ -431,11 +449,12 @@ class Recorded:
             made[-1, 1] = model.impacts * COUNT_LABEL
         return made
 
-    def local_columns(self, values: Floats, raw: Raw, mixing: Floats) -> Floats:
-        """(locals, 2, judged) by what the weighed reading changes with own unknowns other than states."""
-        moved = np.einsum("cel,ek->kcl", raw.by_column, mixing)
-        moved = self.sampled(values, self.hypothesis.sense(values, moved, self.scene))
-        moved = self.weighed(moved[:, :, self.judged])
+    def local_columns(self, seen: Floats, mixing: Floats) -> Floats:
+        """(locals, 2, judged) by what the weighed reading changes with own unknowns other than states.
+
+        ``seen`` (columns, 2, judged) is the same by columns of the integrator.
+        """
+        moved = np.tensordot(mixing.T, seen, 1)
         rows = np.zeros((len(self.lines), 2, self.data.force.size))
         for i, (channel, row) in enumerate(self.lines):
             rows[i, channel] = self.noise[channel].std * row
@@ -466,35 +485,54 @@ class Recorded:
         ``wide`` (m, 2, judged) are columns over the whole recording. A window's own columns reach beyond its end as far
         as the sensors and the noise model remember, at most over the next window.
         """
-        w, starts, first, over = self.windows, self.data.starts, self.judged.start, self.over
-        tail = self.tail
+        w, first = self.windows, self.judged.start
         own_own = np.zeros((w * kept, w * kept))
         own_wide = np.zeros((w * kept, len(wide)))
-        before: tuple[int, Floats] | None = None
+        low, high = self.spans()
+        parts = self.window_columns(values, raw, kept, low, high)
+        flat = parts.reshape(w, kept, -1)
+        within = flat @ flat.transpose(0, 2, 1)
         for i in range(w):
-            low, high = int(starts[i]) - REACH, min(int(starts[i + 1]) + tail, self.judged.stop)
-            if i + 2 < len(starts):
-                high = min(high, int(starts[i + 2]) - REACH)
-            part = np.zeros((kept, 2, (high - low) * over))
-            inside = slice(int(starts[i]) * over, int(starts[i + 1]) * over)
-            own = raw.by_state[:, :, inside].transpose(1, 0, 2)
-            begin = REACH * over
-            part[:, :, begin : begin + inside.stop - inside.start] = own[:, :, : (high - low - REACH) * over]
-            part = self.sampled(values, self.hypothesis.sense(values, part, self.scene))
-            cut = max(first - low, 0)
-            part, low = self.weighed(part[:, :, cut:]), low + cut
             rows = slice(i * kept, (i + 1) * kept)
-            if part.shape[2] > 0:
-                flat = part.reshape(kept, -1)
-                own_own[rows, rows] = flat @ flat.T
-                own_wide[rows] = flat @ wide[:, :, low - first : high - first].reshape(len(wide), -1).T
-                if before is not None and before[0] > low:
-                    overlap = before[0] - low
-                    mixed_ = part[:, :, :overlap].reshape(kept, -1) @ before[1][:, :, -overlap:].reshape(kept, -1).T
-                    own_own[rows, (i - 1) * kept : i * kept] = mixed_
-                    own_own[(i - 1) * kept : i * kept, rows] = mixed_.T
-            before = (high, part)
+            own_own[rows, rows] = within[i]
+            # the first window's columns are zero before the first sample that is judged
+            begin, cut = max(low[i], first), max(first - low[i], 0)
+            if high[i] <= begin:
+                continue
+            seen = parts[i, :, :, cut : high[i] - low[i]]
+            there = wide[:, :, begin - first : high[i] - first].reshape(len(wide), -1)
+            own_wide[rows] = seen.reshape(kept, -1) @ there.T
+            overlap = high[i - 1] - begin if i > 0 else 0
+            if overlap > 0:
+                before = parts[i - 1, :, :, begin - low[i - 1] : high[i - 1] - low[i - 1]].reshape(kept, -1)
+                mixed_ = seen[:, :, :overlap].reshape(kept, -1) @ before.T
+                own_own[rows, (i - 1) * kept : i * kept] = mixed_
+                own_own[(i - 1) * kept : i * kept, rows] = mixed_.T
         return own_own, own_wide
+
+    def spans(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(windows,) samples from which and up to which a window's states show, at most over the next window."""
+        starts = self.data.starts
+        low, high = starts[:-1] - REACH, np.minimum(starts[1:] + self.tail, self.judged.stop)
+        high[:-1] = np.minimum(high[:-1], starts[2:] - REACH)
+        return low, high
+
+    def window_columns(self, values: Floats, raw: Raw, kept: int, low: NDArray, high: NDArray) -> Floats:
+        """(windows, kept, 2, longest span) by what the weighed reading changes with each window's states."""
+        over = self.over
+        longest = int((high - low).max())
+        parts = np.zeros((self.windows, kept, 2, longest * over))
+        for i, (begin, end) in enumerate(zip(self.starts[:-1], self.starts[1:], strict=True)):
+            seen = min(int(end - begin), int(high[i] - low[i] - REACH) * over)
+            if seen > 0:
+                own = raw.by_state[:, :, begin : begin + seen].transpose(1, 0, 2)
+                parts[i, :, :, REACH * over : REACH * over + seen] = own
+        parts = self.sampled(values, self.hypothesis.sense(values, parts, self.scene))
+        parts[0, :, :, : max(self.judged.start - int(low[0]), 0)] = 0.0
+        parts = self.weighed(parts)
+        for part, length in zip(parts, high - low, strict=True):
+            part[:, :, max(int(length), 0) :] = 0.0
+        return parts
 
     @property
     def tail(self) -> int:
@@ -542,12 +580,10 @@ class Recorded:
             first += own.size
         return by_scalar, tables
 
-    def shared_columns(self, values: Floats, raw: Raw, mixing: Floats) -> Floats:
-        """(parameters, 2, judged) by what the reading changes with each parameter, over noise and width."""
+    def shared_columns(self, values: Floats, raw: Raw, seen: Floats, mixing: Floats) -> Floats:
+        """(parameters, 2, judged) by what the weighed reading changes with each parameter in units of its width."""
         n = self.data.force.size
-        columns = raw.by_column.transpose(1, 0, 2).reshape(raw.by_column.shape[1], -1)
-        moved = (mixing.T @ columns).reshape(-1, 2, n * self.over)
-        moved = self.sampled(values, self.hypothesis.sense(values, moved, self.scene))
+        moved = np.tensordot(mixing.T, seen, 1)
         slow = self.scene._replace(rate=self.data.rate)
         read = self.read(values, raw.said)
         first = 0
@@ -560,12 +596,13 @@ class Recorded:
                 split[i][j] += step
                 if adds:
                     before, after = (term.add(each, slow, n, int(self.data.starts[0])) for each in (own, split[i]))
-                    if before is not None and after is not None:
-                        moved[first + j] += (after - before) / step
+                    more = None if before is None or after is None else after - before
                 else:
-                    moved[first + j] += (self.read(np.concatenate(split), raw.said) - read) / step
+                    more = self.read(np.concatenate(split), raw.said) - read
+                if more is not None:
+                    moved[first + j] += self.weighed(more[:, self.judged]) / step
             first += own.size
-        return self.weighed(moved[:, :, self.judged]) * self.widths[:, None, None]
+        return moved * self.widths[:, None, None]
 
 
 def absent(model: Model) -> list[int]:

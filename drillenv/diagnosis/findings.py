@@ -147,7 +147,7 @@ def median_depth(outcome: Outcome) -> float:
     depths = []
     for block, own in zip(outcome.final.blocks, outcome.final.fit.own, strict=True):
         model = block.hypothesis.model(outcome.final.values, block.scene)
-        path = block.integrate(model, own, no_columns(), 0, path=True).path[:, block.inside]
+        path = block.integrate(model, own, no_columns(), 0, path=True).path
         loading = (path[predict.W] > 0.0) & (path[predict.V2] > 0.0)
         depths.append(path[predict.W][loading])
     every = np.concatenate(depths)

@@ -13,7 +13,7 @@ from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded, no_columns
 from drillenv.diagnosis.laws import axes_of
-from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, nuisance, quantum
+from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, nuisance
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
 from drillenv.diagnosis.terms import Hypothesis
@@ -109,18 +109,18 @@ def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
         raw = block.integrate(fitted.hypothesis.model(values, block.scene), own, no_columns(), 0)
         # lines that are known already are left in
         left = (block.measured - block.read(values, raw.said))[:, block.judged]
-        return level(left[0], block.measured[0], block), level(left[1], block.measured[1], block)
+        return level(left[0], block.data.quanta[0], block), level(left[1], block.data.quanta[1], block)
 
-    def level(row: Floats, samples: Floats, block: Recorded) -> NoiseModel:
+    def level(row: Floats, quantum: float, block: Recorded) -> NoiseModel:
         rate, tone = block.data.rate, float(block.scene.frequency)
-        found = estimate(row, rate, tone, quantum(samples))
+        found = estimate(row, rate, tone, quantum)
         more = lone_lines(row, rate, tone, found)
         if not more:
             return found
         # with them gone the level is another
         alone = replace(found, lines=tuple(sorted((*found.lines, *more))))
         columns = line_columns(alone, row.size).T
-        again = estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, quantum(samples))
+        again = estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, quantum)
         return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
 
     each: Callable = map if pool is None else pool.map
@@ -225,7 +225,8 @@ def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
     models = [fitted.hypothesis.model(values, each.scene) for each in fitted.blocks]
 
     def path(block: Recorded, own: Floats, model) -> Floats:
-        return block.integrate(model, own, no_columns(), 0, path=True).path[:, block.inside]
+        path = block.integrate(model, own, no_columns(), 0, path=True).path
+        return path[:, block.inside.start // block.stride : block.inside.stop // block.stride]
 
     return list(pool.map(path, fitted.blocks, fitted.fit.own, models)), models
 

@@ -200,7 +200,7 @@ def motions_left(fitted: Fitted) -> list[Motion]:
         force, acceleration = (block.measured - block.read(values, raw.said) - block.disturbance(own))[:, inside]
         theta = data.phase + data.omega / data.rate * np.arange(data.force.size, dtype=np.float64)[inside]
         push = model.s[predict.M2] * acceleration + force
-        found.append(Motion(raw.path[:, :: block.over][:, inside], theta, model, force, push))
+        found.append(Motion(raw.path[:, :: block.over // block.stride][:, inside], theta, model, force, push))
     return found
 
 

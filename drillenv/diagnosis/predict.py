@@ -76,10 +76,11 @@ LARGEST_LOG = 5.0
 CURVE, ON_SHAKER, ON_INDENTER, MODULATION = -1, -2, -3, -4
 
 FLIGHT, ON_LOADING, ON_UNLOADING = 0, 1, 2
-MOST_PARTS = 100
+MOST_PARTS = 400
 """Of one step; more is a motion that sticks at a switch."""
 STIFF, FINEST_PART = 0.5, 32.0
-"""A step times the fastest rate of the law that acts, at most; and the most parts that one is cut into for it."""
+"""A step times the fastest rate of the law that acts, or three times its angular frequency, at most; and the most parts that
+the time from one sample to the next is cut into for it."""
 
 
 class Axes(NamedTuple):
@@ -122,20 +123,20 @@ class Wave(NamedTuple):
     """(3,)"""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _at(axes, place, x):
     """Position in a place's table, of which a margin beyond either end goes on straight."""
     at = (math.asinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
     return min(max(at, -MARGIN), GRID - 1.0 + MARGIN)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cell(at):
     """The lower of the two points of a table between which, or beyond which, a position is."""
     return min(max(int(at), 0), GRID - 2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _look(tables, axes, place, x):
     """Value and slope of a place's curve."""
     at = _at(axes, place, x)
@@ -147,7 +148,7 @@ def _look(tables, axes, place, x):
     return value, rise / (axes.step[place] * math.sqrt(x * x + axes.scale[place] ** 2))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d):
     """Time derivatives f of the states z; into d what they are linear in. Returns the rock's force.
 
@@ -228,7 +229,7 @@ def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
     return rock
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _jacobian(z, s, d, j):
     """(7, 7) derivative of the rates by the states, from what :func:`_rates` left in d."""
     j[:] = 0.0
@@ -243,7 +244,7 @@ def _jacobian(z, s, d, j):
     j[Q, V1], j[Q, Q] = s[AIR_STIFFNESS], -s[AIR_RATE]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, scalar_rock, curve, curve_rock, at):
     """By what scalars and curves change the rates, at fixed states, and the rock's force.
 
@@ -314,7 +315,7 @@ def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, sc
         at[place] = _at(axes, place, x)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _fill(columns, z, f, rock, d, theta, time, regime, impacts, s, axes, wanted, store, force, force_rock):
     """How each column changes the rates at the state z, into force (columns, 7), and the rock's force (columns,)."""
     scalar, scalar_rock, curve, curve_rock, at = store
@@ -346,7 +347,7 @@ def _fill(columns, z, f, rock, d, theta, time, regime, impacts, s, axes, wanted,
                 force[j, V2], force[j, UD] = -force_rock[j] / s[M2], s[MOUNT_GAIN] * force_rock[j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _crossed(z, regime):
     """Whether the state has gone past the end of its regime."""
     if regime == FLIGHT:
@@ -357,7 +358,7 @@ def _crossed(z, regime):
     return into > 0.0 or z[W] < 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _multiply(a, b, size, out):
     for i in range(size):
         for k in range(size):
@@ -367,7 +368,7 @@ def _multiply(a, b, size, out):
             out[i, k] = total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _step(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway):
     """A step of the classical Runge-Kutta method from z (rates f) into ahead.
 
@@ -388,7 +389,7 @@ def _step(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active,
         ahead[i] = z[i] + h / 6.0 * (f[i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _transition(h, size, phi, work):
     """Transition matrix of the variational equations of the first ``size`` states over a step, into phi.
 
@@ -411,33 +412,42 @@ def _transition(h, size, phi, work):
         phi[i, i] += 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway):
-    """Length of the step that ends at the switch, by bisection and regula falsi; ahead holds the state there."""
+    """Length of the step that ends at the switch; ahead holds the state after h, and then that at the switch.
+
+    By the Illinois variant of regula falsi, and by bisection where both the depth and the speed have changed sign.
+    """
+    by_depth = regime == FLIGHT or ahead[W] < 0.0
     low, high = 0.0, h
-    for turn in range(60):
-        part = 0.5 * (low + high)
-        if turn % 3 != 2:
-            # the switch function is nearly straight over a step
-            if regime == FLIGHT or ahead[W] < 0.0:
-                before, after = z[W], ahead[W]
-            else:
-                before, after = z[V2] - z[UD], ahead[V2] - ahead[UD]
-            if turn == 0 and before != after and before * after < 0.0:
-                part = h * before / (before - after)
+    before, after = (z[W], ahead[W]) if by_depth else (z[V2] - z[UD], ahead[V2] - ahead[UD])
+    turned = (ahead[V2] - ahead[UD]) * (1.0 if regime == ON_LOADING else -1.0) < 0.0
+    falsi = before * after < 0.0 and not (by_depth and regime != FLIGHT and turned)
+    part, value = h, after
+    for _ in range(60):
+        previous = value
+        part = (low * after - high * before) / (after - before) if falsi else 0.5 * (low + high)
         _step(z, f, theta, time, omega, part, regime, impacts, s, tables, axes, active, wave, work, ahead, middle,
               halfway)  # fmt: skip
+        value = ahead[W] if by_depth else ahead[V2] - ahead[UD]
+        if high - low < 1e-13 or (falsi and abs(value) < (1e-14 if by_depth else 1e-11)):
+            break
         if _crossed(ahead, regime):
             high = part
+            after, before = value, before * (0.5 if value * previous > 0.0 else 1.0)
         else:
             low = part
-        if high - low < 1e-13:
-            break
-    _step(z, f, theta, time, omega, high, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway)
-    return high
+            before, after = value, after * (0.5 if value * previous > 0.0 else 1.0)
+    if not falsi:
+        part = high
+        _step(z, f, theta, time, omega, part, regime, impacts, s, tables, axes, active, wave, work, ahead, middle,
+              halfway)  # fmt: skip
+    elif by_depth:
+        ahead[W] = 0.0
+    return part
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _advance(sens, states, force, force_next, h, size, phi, row):
     """Carry the sensitivities sens (states + columns, 7) over a step, forcings by the trapezoidal rule."""
     for j in range(sens.shape[0]):
@@ -458,7 +468,7 @@ def _advance(sens, states, force, force_next, h, size, phi, row):
                 own[i] += 0.5 * h * force_next[j - states, i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _saltate(z, theta, time, before, after, impacts, s, tables, axes, active, wave, sens, d):
     """Jump of the sensitivities where the regime changes at the state z."""
     f0, f1 = np.empty(STATES), np.empty(STATES)
@@ -475,23 +485,68 @@ def _saltate(z, theta, time, before, after, impacts, s, tables, axes, active, wa
             sens[j, i] += (f1[i] - f0[i]) * share
 
 
-@njit(cache=True, error_model="numpy")
-def _read(sens, states, d, s, force, force_rock, n, by_state, by_column):
-    """Derivatives of the rock's force and of the indenter's acceleration at sample n."""
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _read(sens, states, d, s, force, force_rock, out):
+    """Derivatives of the rock's force and of the indenter's acceleration, into out (2, states + columns)."""
     row_v, row_u = -(d[3] + d[5] + d[1]) / s[M2], d[1] / s[M2]
     for j in range(sens.shape[0]):
         by_rock = d[0] * sens[j, W] + d[1] * (sens[j, V2] - sens[j, UD])
         by_speed = (d[2] * sens[j, Y] + d[3] * sens[j, V1] - d[0] * sens[j, W]) / s[M2]
         by_speed += row_v * sens[j, V2] + row_u * sens[j, UD]
-        if j < states:
-            by_state[0, j, n], by_state[1, j, n] = by_rock, by_speed
-        else:
-            i = j - states
-            by_column[0, i, n], by_column[1, i, n] = by_rock + force_rock[i], by_speed + force[i, V2]
+        if j >= states:
+            by_rock += force_rock[j - states]
+            by_speed += force[j - states, V2]
+        out[0, j], out[1, j] = by_rock, by_speed
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _changes(z, f, rock, time, omega, s, d, wave, out):
+    """The rock's force, the indenter's acceleration, and how fast both change, into out (4,)."""
+    out[0], out[1] = rock, f[V2]
+    out[2] = d[0] * f[W] + d[1] * (f[V2] - f[UD])
+    if wave.turn[2] > 0.0 and rock > 0.0:
+        turned = wave.turn[2] * time
+        swing = wave.turn[2] * (wave.sine[2] * math.cos(turned) - wave.cosine[2] * math.sin(turned))
+        out[2] += s[K_L] * d[9] * z[W] * swing
+    pushed = s[F_A] * d[12] * d[10] * omega
+    if wave.turn[1] > 0.0:
+        turned = wave.turn[1] * time
+        pushed += wave.turn[1] * (wave.sine[1] * math.cos(turned) - wave.cosine[1] * math.sin(turned))
+    out[3] = (pushed + d[2] * f[Y] + d[3] * (f[V1] - f[V2]) - out[2] - d[5] * f[V2]) / s[M2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _fastest(z, s, d):
+    """The fastest rate (1/s) of the laws that act: decay, or three times the angular frequency on the rock or its mount."""
+    decay = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2])
+    rock = abs(d[0] * d[6])
+    turning = max(rock / s[M2], s[MOUNT_SQUARE] + s[MOUNT_GAIN] * rock)
+    return max(decay, 3.0 * math.sqrt(turning))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _record(sample, last, step, elapsed, taken, n, now, then, slopes, slopes_then, states, said, by_state, by_column):
+    """Write the samples that lie in a step, signals by cubic Hermite interpolation and derivatives linearly.
+
+    The step is from ``elapsed`` after sample n, and ``taken`` long. Returns the first sample that lies behind it.
+    """
+    while sample < last and (sample - n) * step < elapsed + taken - 1e-12:
+        share = max((sample - n) * step - elapsed, 0.0) / taken
+        rest = 1.0 - share
+        for i in range(2):
+            straight = then[i] - now[i]
+            bend = rest * (now[2 + i] * taken - straight) - share * (then[2 + i] * taken - straight)
+            said[i, sample] = now[i] + share * straight + share * rest * bend
+            for j in range(states):
+                by_state[i, j, sample] = rest * slopes[i, j] + share * slopes_then[i, j]
+            for j in range(by_column.shape[1]):
+                by_column[i, j, sample] = rest * slopes[i, states + j] + share * slopes_then[i, states + j]
+        sample += 1
+    return sample
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, axes, active, wanted, wave, columns,
+def run(starts, begin, chained, rate, stride, omega, phase, impacts, s, tables, axes, active, wanted, wave, columns,
         states, size, path, said, by_state, by_column, ends, ends_by_state, ends_by_column):  # fmt: skip
     """Simulate every window, with the sensitivities asked for.
 
@@ -500,14 +555,14 @@ def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, a
         begin: (windows, 7) states at the beginning of each.
         chained: Whether all but speed and distance of the indenter go on from the window before; ``begin`` then says
             at the end what they began with.
-        rate, parts: Samples a second, and steps of the integrator from one to the next.
+        rate, stride: Samples a second, and how many of them a step of the integrator takes at most.
         omega, phase: rad/s of the excitation, rad at sample 0.
         impacts: Before sample 0, on this face of the rock.
         s, tables, axes, active, wanted, wave: The model; ``active`` (PLACES,) whose tables are not zero, ``wanted``
             those by which it is differentiated.
         columns, states: By what, and by how many of the states in their order.
         size: How many of the states take part: 4, or all where there is a mount or air.
-        path: (7, n) for the states at the samples, or (7, 0).
+        path: (7, n // stride) for the states at every sample that stride divides, which all starts are; or (7, 0).
         said: (2, n) force and acceleration, written from the first start to the last.
         by_state, by_column: (2, states, n) and (2, columns, n), their derivatives by the states at the beginning of the
             same window, and by columns.
@@ -527,7 +582,9 @@ def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, a
     store = (scalar, scalar_rock, curve, curve_rock, at)
     force, force_rock = np.zeros((count, 7)), np.zeros(count)
     force_next, force_rock_next = np.zeros((count, 7)), np.zeros(count)
-    h = 1.0 / (rate * parts)
+    now, then = np.zeros(4), np.zeros(4)
+    slopes, slopes_then = np.zeros((2, states + count)), np.zeros((2, states + count))
+    h = 1.0 / rate
     # the rock's stiffness goes by the impacts before a contact, and does not change within it
     made = impacts
     for window in range(starts.size - 1):
@@ -544,69 +601,83 @@ def run(starts, begin, chained, rate, parts, omega, phase, impacts, s, tables, a
         rock = _rates(z, theta, t0, regime, impacts, s, tables, axes, active, wave, f, d)
         if count > 0:
             _fill(columns, z, f, rock, d, theta, t0, regime, impacts, s, axes, wanted, store, force, force_rock)
-        for n in range(starts[window], starts[window + 1]):
-            said[0, n], said[1, n] = rock, f[V2]
-            if path.shape[1] > 0:
-                for i in range(STATES):
-                    path[i, n] = z[i]
-            if sensitive:
-                _read(sens, states, d, s, force, force_rock, n, by_state, by_column)
-            for part in range(parts):
-                t0 = n / rate + part * h
-                left = h
-                for _ in range(MOST_PARTS):
+        _changes(z, f, rock, t0, omega, s, d, wave, now)
+        if sensitive:
+            _read(sens, states, d, s, force, force_rock, slopes)
+        for n in range(starts[window], starts[window + 1], stride):
+            last = min(n + stride, starts[window + 1])
+            for i in range(STATES if path.shape[1] > 0 else 0):
+                path[i, n // stride] = z[i]
+            sample, left = n, (last - n) * h
+            for _ in range(MOST_PARTS):
+                elapsed = (last - n) * h - left
+                t0 = n / rate + elapsed
+                angle = phase + omega * t0
+                taken = left / math.ceil(min(left * _fastest(z, s, d) / STIFF, FINEST_PART * left / h) + 1e-9)
+                _step(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave, work, ahead,
+                      middle, halfway)  # fmt: skip
+                switched = _crossed(ahead, regime)
+                if switched:
+                    taken = _event(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave,
+                                   work, ahead, middle, halfway)  # fmt: skip
+                rock = _rates(ahead, angle + omega * taken, t0 + taken, regime, impacts, s, tables, axes, active,
+                              wave, f1, d1)  # fmt: skip
+                _changes(ahead, f1, rock, t0 + taken, omega, s, d1, wave, then)
+                if sensitive:
+                    _jacobian(z, s, d, jac[0])
+                    _jacobian(middle, s, halfway, jac[1])
+                    _jacobian(ahead, s, d1, jac[2])
+                    _transition(taken, size, phi, jac)
+                    if count > 0:
+                        _fill(columns, ahead, f1, rock, d1, angle + omega * taken, t0 + taken, regime, impacts, s,
+                              axes, wanted, store, force_next, force_rock_next)  # fmt: skip
+                    _advance(sens, states, force, force_next, taken, size, phi, row)
+                    force, force_next = force_next, force
+                    force_rock, force_rock_next = force_rock_next, force_rock
+                    _read(sens, states, d1, s, force, force_rock, slopes_then)
+                if taken > 0.0:
+                    sample = _record(sample, last, h, elapsed, taken, n, now, then, slopes, slopes_then, states, said,
+                                     by_state, by_column)  # fmt: skip
+                z, ahead = ahead, z
+                f, f1 = f1, f
+                d, d1 = d1, d
+                now, then = then, now
+                slopes, slopes_then = slopes_then, slopes
+                t0 += taken
+                left -= taken
+                if switched:
+                    before = regime
+                    if before == FLIGHT:
+                        regime = ON_LOADING
+                        impacts = made
+                    elif z[W] <= 0.0:
+                        regime = FLIGHT
+                    elif before == ON_LOADING:
+                        regime = ON_UNLOADING
+                        made += 1.0
+                    else:
+                        regime = ON_LOADING
                     angle = phase + omega * t0
-                    fastest = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2])
-                    taken = min(left, max(STIFF / max(fastest, 1e-9), h / FINEST_PART))
-                    _step(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave, work, ahead,
-                          middle, halfway)  # fmt: skip
-                    switched = _crossed(ahead, regime)
-                    if switched:
-                        taken = _event(z, f, angle, t0, omega, taken, regime, impacts, s, tables, axes, active, wave,
-                                       work, ahead, middle, halfway)  # fmt: skip
-                    rock = _rates(ahead, angle + omega * taken, t0 + taken, regime, impacts, s, tables, axes, active,
-                                  wave, f1, d1)  # fmt: skip
                     if sensitive:
-                        _jacobian(z, s, d, jac[0])
-                        _jacobian(middle, s, halfway, jac[1])
-                        _jacobian(ahead, s, d1, jac[2])
-                        _transition(taken, size, phi, jac)
-                        if count > 0:
-                            _fill(columns, ahead, f1, rock, d1, angle + omega * taken, t0 + taken, regime, impacts, s,
-                                  axes, wanted, store, force_next, force_rock_next)  # fmt: skip
-                        _advance(sens, states, force, force_next, taken, size, phi, row)
-                        force, force_next = force_next, force
-                        force_rock, force_rock_next = force_rock_next, force_rock
-                    z, ahead = ahead, z
-                    f, f1 = f1, f
-                    d, d1 = d1, d
-                    t0 += taken
-                    left -= taken
-                    if switched:
-                        before = regime
-                        if before == FLIGHT:
-                            regime = ON_LOADING
-                            impacts = made
-                        elif z[W] <= 0.0:
-                            regime = FLIGHT
-                        elif before == ON_LOADING:
-                            regime = ON_UNLOADING
-                            made += 1.0
-                        else:
-                            regime = ON_LOADING
-                        angle = phase + omega * t0
-                        if sensitive:
-                            _saltate(z, angle, t0, before, regime, impacts, s, tables, axes, active, wave, sens, d)
-                        if regime == FLIGHT:
-                            z[W] = min(z[W], 0.0)
-                        elif before == FLIGHT:
-                            z[W] = max(z[W], 0.0)
-                        rock = _rates(z, angle, t0, regime, impacts, s, tables, axes, active, wave, f, d)
-                        if count > 0:
-                            _fill(columns, z, f, rock, d, angle, t0, regime, impacts, s, axes, wanted, store, force,
-                                  force_rock)  # fmt: skip
-                    if left <= 1e-15:
-                        break
+                        _saltate(z, angle, t0, before, regime, impacts, s, tables, axes, active, wave, sens, d)
+                    if regime == FLIGHT:
+                        z[W] = min(z[W], 0.0)
+                    elif before == FLIGHT:
+                        z[W] = max(z[W], 0.0)
+                    rock = _rates(z, angle, t0, regime, impacts, s, tables, axes, active, wave, f, d)
+                    if count > 0:
+                        _fill(columns, z, f, rock, d, angle, t0, regime, impacts, s, axes, wanted, store, force,
+                              force_rock)  # fmt: skip
+                    _changes(z, f, rock, t0, omega, s, d, wave, now)
+                    if sensitive:
+                        _read(sens, states, d, s, force, force_rock, slopes)
+                if left <= 1e-13:
+                    break
+            while sample < last:
+                # a motion that sticks at a switch has not come to the end of the step
+                for i in range(2):
+                    said[i, sample] = now[i]
+                sample += 1
             if not abs(z[V2]) < 100.0:
                 return -1.0
         for i in range(STATES):

@@ -12,7 +12,7 @@ ALIKE = 0.01
 """Probability of calling an equation worse than the free law though it is the true one."""
 SEVERAL = 3.5
 """Stated standard deviations from which a constant is wrong: labs misjudge theirs by a half."""
-LEFT = 0.03
+LEFT = 0.06
 """Over-dispersion, as a share of the noise's power, up to which nothing is left to explain. The noise's level is
 estimated from the same residuals, to about a hundredth."""
 LAW_ERROR = 0.05
@@ -34,6 +34,6 @@ FAINT = 0.05
 POSSIBLE = 0.1
 """p-value on stretches up to which a family is tested on whole recordings: with several times the samples, one that is
 there is much less likely by chance than this already."""
-CLOSE = 1.5
+CLOSE = 2.0
 """Reduced chi-square up to which a model is close: from there on its windows are joined, and residuals show the
 noise."""
