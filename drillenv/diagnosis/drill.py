@@ -203,8 +203,8 @@ class Recorded:
         )
         size = self.size(model) if size is None else size
         wave = Wave(model.turn, model.sine, model.cosine)
-        end = run(self.starts, begin, chained, self.scene.rate, self.stride, data.omega, data.phase, impacts, s, model.tables,
-                  self.hypothesis.axes, active, wanted, wave, columns, states, size, *arrays)  # fmt: skip
+        end = run(self.starts, begin, chained, self.scene.rate, self.stride, data.omega, data.phase, impacts, s,
+                  model.tables, self.hypothesis.axes, active, wanted, wave, columns, states, size, *arrays)  # fmt: skip
         path_, said, by_state, by_column, ends, ends_by_state, ends_by_column = arrays
         if chained:
             ends = begin

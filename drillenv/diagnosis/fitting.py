@@ -127,6 +127,27 @@ def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
     return list(each(estimated, fitted.blocks, fitted.fit.own))
 
 
+def quietest(noise: Sequence[Noise], data: Sequence[Conditioned]) -> list[Noise]:
+    """One noise for all recordings, without lines: that of the recording in which a channel has the least power.
+
+    Sensors are the same in all of them, and where a model is far off its residuals are their noise and more.
+    """
+
+    def power(level: NoiseModel) -> float:
+        # from a hertz to the Nyquist frequency, over the rate
+        return level.std**2 / level.rate * (1.0 + 2.0 * level.corner / level.rate * math.log(level.rate / 2.0))
+
+    least = [min((each[i] for each in noise), key=power) for i in range(2)]
+
+    def at(rate: float) -> Noise:
+        first, second = (
+            replace(each, std=each.std * math.sqrt(rate / each.rate), lines=(), rate=rate) for each in least
+        )
+        return first, second
+
+    return [at(each.rate) for each in data]
+
+
 def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:
     """The same with so many states a window, where it had ``kept``, and so many amplitudes of lines."""
     states = np.zeros((windows, size))

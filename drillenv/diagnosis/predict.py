@@ -79,8 +79,8 @@ FLIGHT, ON_LOADING, ON_UNLOADING = 0, 1, 2
 MOST_PARTS = 400
 """Of one step; more is a motion that sticks at a switch."""
 STIFF, FINEST_PART = 0.5, 32.0
-"""A step times the fastest rate of the law that acts, or three times its angular frequency, at most; and the most parts that
-the time from one sample to the next is cut into for it."""
+"""A step times the fastest rate of the law that acts, or three times its angular frequency, at most; and the most parts
+that the time from one sample to the next is cut into for it."""
 
 
 class Axes(NamedTuple):
@@ -517,7 +517,7 @@ def _changes(z, f, rock, time, omega, s, d, wave, out):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _fastest(z, s, d):
-    """The fastest rate (1/s) of the laws that act: decay, or three times the angular frequency on the rock or its mount."""
+    """The fastest rate (1/s) of the laws that act: decay, or three times the angular frequency of rock or mount."""
     decay = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2])
     rock = abs(d[0] * d[6])
     turning = max(rock / s[M2], s[MOUNT_SQUARE] + s[MOUNT_GAIN] * rock)

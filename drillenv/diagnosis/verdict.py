@@ -25,7 +25,7 @@ from drillenv.diagnosis.fitting import (
     fit_to,
     joined,
     noise_left,
-    noise_of,
+    quietest,
     resized,
 )
 from drillenv.diagnosis.naming import Named
@@ -136,7 +136,9 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     found = fit_to(data, hypothesis, None, own, pool, FREE, Limits(10, 1.0, 0.05))
     found = joined(data, found, pool, Limits(10, 1.0, 0.05), found.noise)
     hypothesis = Hypothesis(hypothesis.terms, axes_at(found, pool))
-    noise = noise_left(found, pool) if found.per_freedom < CLOSE else found.noise
+    noise = noise_left(found, pool)
+    if found.per_freedom > CLOSE:
+        noise = quietest(noise, data)
     return fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, found.weight, Limits(10, 0.5, 0.003), noise)
 
 
@@ -173,7 +175,7 @@ def evaluated(
     data: Sequence[Conditioned], fitted: Fitted, pool: Executor, noise: Sequence[Noise] | None = None
 ) -> list[Settled]:
     """Recordings with only their own unknowns fitted; their noise, where it is not given, is what the model leaves."""
-    levels = [noise_of(each) for each in data] if noise is None else noise
+    levels = quietest(fitted.noise, data) if noise is None else noise
 
     def settle(each: Conditioned, level: Noise) -> Settled:
         there = settled_block(each, *with_own_lines(fitted, level))

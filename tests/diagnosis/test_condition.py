@@ -12,7 +12,10 @@ from drillenv.diagnosis.condition import (
     contacts,
     flight_reading,
     flights,
+    thin,
+    thinning,
 )
+from drillenv.diagnosis.drill import decimated
 from drillenv.rig import Rig
 
 RATE, NOISE = 25600.0, 5.0
@@ -118,3 +121,42 @@ def test_its_first_windows_are_those_of_the_recording():
     assert np.array_equal(part.states, whole.states[:5])
     assert part.force.size == part.acceleration.size == whole.starts[5]
     assert whole.first(1000) is whole
+
+
+@pytest.mark.parametrize("factor", [2, 4])
+def test_white_noise_stays_white_where_a_recording_is_thinned(factor):
+    noise = np.random.default_rng(3).standard_normal(2**18)
+    kept = thin(noise, factor)[10:-10]
+    assert np.std(kept) == pytest.approx(1.0 / np.sqrt(factor), rel=0.01)
+    for lag in range(1, 9):
+        assert abs(kept[lag:] @ kept[:-lag]) / (kept @ kept) < 4.0 / np.sqrt(kept.size)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_a_slow_signal_stays_as_it_is_where_it_is_thinned(factor):
+    time = np.arange(2000) / 51200.0
+    slow = 3.0 + np.sin(2.0 * np.pi * 400.0 * time)
+    assert thin(slow, factor)[20:-20] == pytest.approx(slow[::factor][20:-20], abs=2e-3)
+
+
+@pytest.mark.parametrize(("fine", "factor"), [(1, 4), (2, 2), (4, 1), (3, 2)])
+def test_a_model_is_thinned_as_the_recording_is(fine, factor):
+    """Through the logger's filter, at its samples, and then thinned: all of it in one pass."""
+    rng = np.random.default_rng(5)
+    signal, kernel = rng.standard_normal(2400 * fine), rng.standard_normal(32 * fine + 1)
+    half = 16 * fine
+    logged = np.convolve(signal, kernel)[half : half + signal.size][::fine]
+    there = slice(20, -20)
+    assert decimated(signal, kernel, fine, factor)[there] == pytest.approx(thin(logged, factor)[there])
+    assert decimated(signal, None, fine, factor) == pytest.approx(thin(signal[::fine], factor))
+
+
+def test_a_recording_is_thinned_to_what_is_enough():
+    made = plain_campaign(np.random.default_rng(5), recordings=2, seconds=0.2)
+    recording = made.campaign.recordings[0]
+    data = condition(recording, Rig())
+    assert data.thinned == 2
+    assert data.rate == recording.sample_rate / 2
+    assert data.force.size == recording.channels["force"].samples.size // 2
+    assert np.sum(thinning(2) ** 2) == pytest.approx(0.5, rel=0.01)
+    assert data.quanta == (0.0, 0.0) or min(data.quanta) > 0.0
