@@ -13,8 +13,8 @@ ALIKE = 0.01
 SEVERAL = 3.5
 """Stated standard deviations from which a constant is wrong: labs misjudge theirs by a half."""
 LEFT = 0.06
-"""Over-dispersion, as a share of the noise's power, up to which nothing is left to explain. The noise's level is
-estimated from the same residuals, to about a hundredth."""
+"""Over-dispersion, as a share of the noise's power up to 6 kHz, to which recordings are thinned, up to which nothing is
+left to explain. The noise's level is estimated from the same residuals, to one or two hundredths."""
 LAW_ERROR = 0.05
 """Relative error up to which an equation is said to give a fitted law: it leaves a share LAW_ERROR^2 of its gain. The
 trial's rules ask for laws within a tenth."""
@@ -36,4 +36,4 @@ POSSIBLE = 0.1
 there is much less likely by chance than this already."""
 CLOSE = 2.0
 """Reduced chi-square up to which a model is close: from there on its windows are joined, and residuals show the
-noise."""
+noise. Thinned recordings leave out of it half the noise or more, and none of the misfit."""

@@ -1,4 +1,4 @@
-"""What the pages say of the published trial is what the trial came to."""
+"""What the pages say of the published trials is what they came to."""
 
 import json
 from pathlib import Path
@@ -11,6 +11,7 @@ from drillenv.blind.seal import digest
 
 ROOT = Path(__file__).parents[2]
 TRIAL = ROOT / "docs" / "trial"
+EARLIER = sorted((TRIAL / "earlier").iterdir())
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,21 @@ def test_the_tables_say_what_was_counted(record):
     assert f"{alarms['hits']} of {alarms['of']} ({100 * alarms['low']:.0f} to {100 * alarms['high']:.0f} %)" in readme
     for name, words in (("library-equation", "own equation"), ("other-equation", "by another")):
         assert f"{words} {groups[name]['right']['hits']} of {groups[name]['right']['of']}" in readme
+
+
+@pytest.mark.parametrize("folder", EARLIER, ids=lambda each: each.name)
+def test_earlier_trials_are_told_as_they_were(folder):
+    record = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+    assert str(record["seed"]) == folder.name
+    assert digest((folder / "answers.json").read_bytes()) == record["answers_sha256"]
+    total = marking.summary(record["marks"])
+    right = sum(group["right"]["hits"] for group in total["groups"].values())
+    assert total["groups"] == record["summary"]["groups"]
+    row = next(
+        each for each in (TRIAL / "README.md").read_text("utf-8").splitlines() if each.startswith(f"| {folder.name} |")
+    )
+    assert f"| {right} of {len(record['marks'])} |" in row
+    assert f"| {total['no_answer']['hits']} |" in row
 
 
 @pytest.mark.slow
