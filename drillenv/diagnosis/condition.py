@@ -286,6 +286,22 @@ def contacts(force: np.ndarray, noise: float) -> np.ndarray:
     return found[found[:, 1] < force.size]
 
 
+def what_is_needed(recording: Recording) -> tuple[Setting, list[np.ndarray]]:
+    """Setting, and samples (n,) of excitation in V, force in N and acceleration in m/s^2.
+
+    Raises:
+        InputError: one of them is missing, or a sample is no number.
+    """
+    names = ("excitation", "force", "acceleration")
+    missing = [name for name in names if name not in recording.channels]
+    if recording.setting is None or missing:
+        raise InputError(f"{recording.name}: lacks {', '.join(missing) or 'a setting'}: record it to have it diagnosed")
+    samples = [np.ascontiguousarray(recording.channels[name].samples) for name in names]
+    if not all(np.isfinite(each).all() for each in samples):
+        raise InputError(f"{recording.name}: holds samples that are no numbers: leave the recording out")
+    return recording.setting, samples
+
+
 def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     """Prepare a recording of the drilling rig.
 
@@ -294,15 +310,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     Raises:
         InputError: it lacks a setting or a channel, has samples that are no numbers, no excitation or no contact.
     """
-    setting = recording.setting
-    missing = [name for name in ("excitation", "force", "acceleration") if name not in recording.channels]
-    if setting is None or missing:
-        raise InputError(f"{recording.name}: lacks {', '.join(missing) or 'a setting'}: record it to have it diagnosed")
-    excitation, force, acceleration = (
-        np.ascontiguousarray(recording.channels[name].samples) for name in ("excitation", "force", "acceleration")
-    )
-    if not all(np.isfinite(each).all() for each in (excitation, force, acceleration)):
-        raise InputError(f"{recording.name}: holds samples that are no numbers: leave the recording out")
+    setting, (excitation, force, acceleration) = what_is_needed(recording)
     rate = recording.sample_rate
     omega, phase, amplitude = fit_excitation(excitation, rate, setting.frequency)
     angle = phase + omega * np.arange(force.size) / rate
