@@ -141,11 +141,12 @@ class Recorded:
         self.starts = data.starts * self.over
         self.windows = len(data.starts) - 1
         self.inside = slice(int(self.starts[0]), int(self.starts[-1]))
-        # sensors that remember still speak of what was before, or of the start; the same samples are judged
-        # with and without them, or costs could not be compared
-        wait = int(data.starts[1] - data.starts[0]) // 2
-        # nothing is simulated of what the logger's filter would look ahead to
-        self.judged = slice(int(data.starts[0]) + wait, int(data.starts[-1]) - REACH)
+        # nothing is simulated of what the logger's filter would look ahead to, or back
+        self.judged = slice(int(data.starts[0]) + REACH, int(data.starts[-1]) - REACH)
+        # accelerometers that ring still speak of what was before; the same samples are judged with and without
+        # them, or costs could not be compared
+        self.wait = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
+        """Samples of the acceleration that are judged later than those of the force."""
         self.widths = np.array([each.width for each in self.hypothesis.unknowns])
         self.measured = np.stack([data.force, data.acceleration])
         self.coloured = any(each.corner > 0.0 for each in self.noise)
@@ -154,6 +155,21 @@ class Recorded:
         self.lines = [(i, row) for i, (rows, _) in enumerate(shapes) for row in rows]
         """Channel and shape (n,) of disturbing lines and constants, whose sizes are own unknowns."""
         self.line_precision = np.concatenate([precision for _, precision in shapes])
+
+    @property
+    def samples(self) -> int:
+        """How many numbers are judged."""
+        return self.measured[:, self.judged].size - self.wait
+
+    @property
+    def steady(self) -> slice:
+        """Samples of which both channels are judged."""
+        return slice(self.judged.start + self.wait, self.judged.stop)
+
+    def counted(self, signals: Floats) -> Floats:
+        """Signals (..., 2, judged) as the noise model weighs them, the acceleration from its first sample on."""
+        signals[..., 1, : self.wait] = 0.0
+        return self.weighed(signals)
 
     def weighed(self, signals: Floats) -> Floats:
         """Signals (..., 2, n) as the noise model weighs them: white noise of it has the variance 1."""
@@ -262,7 +278,7 @@ class Recorded:
 
     def per_sample(self, shared: Floats, own: Floats) -> float:
         """Twice the same, by the samples: about 1 where the model is right."""
-        return 2.0 * self.cost(shared, own) / self.measured[:, self.judged].size
+        return 2.0 * self.cost(shared, own) / self.samples
 
     def costs(self, shared: Floats, own: Floats) -> tuple[float, Floats]:
         """The same, and (windows,) that of each window's samples and of its end."""
@@ -296,6 +312,14 @@ class Recorded:
         if best <= before:
             return best, at
         kept = self.state_count(own)
+        if self.weight <= 1.0:
+            # the step is along the continuity constraints' tangent: from there back to where they hold
+            going_on = self.chained(shared, at)
+            cost = self.cost(shared, going_on)
+            if cost <= before:
+                return cost, going_on
+            if cost < best:
+                best, at, costs = cost, going_on, self.costs(shared, going_on)[1]
         for share in (0.3, 0.0):
             part = own + share * move
             cost, other = self.costs(shared, part)
@@ -345,7 +369,7 @@ class Recorded:
             _, other = self.costs(shared, begun)
             better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
             at, best = np.where(better, begun, at), np.minimum(best, other)
-        return at
+        return at if self.cost(shared, at) < self.cost(shared, own) else own
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
         """(windows, kept) own unknowns of states (windows, 7)."""
@@ -364,7 +388,7 @@ class Recorded:
     def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after Levenberg-Marquardt steps of their own."""
         cost, damping, part = self.cost(shared, own), 1e-3, None
-        samples = self.measured[:, self.judged].size
+        samples = self.samples
         for _ in range(steps):
             part = self.quadratic(shared, own, fixed=True) if part is None else part
             move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
@@ -381,7 +405,7 @@ class Recorded:
     def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
         """(2, judged) measured less read, as the noise model weighs it."""
         read = self.read(values, said) + self.disturbance(own)
-        return self.weighed((self.measured - read)[:, self.judged])
+        return self.counted((self.measured - read)[:, self.judged])
 
     def read(self, values: Floats, said: Floats) -> Floats:
         """(2, n) what the logger makes of the simulated signals, the lines aside."""
@@ -409,7 +433,7 @@ class Recorded:
         raw = chained(raw, self.starts, by_own_begin, by_column_begin)
         residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
         seen = self.hypothesis.sense(values, raw.by_column.transpose(1, 0, 2), self.scene)
-        seen = self.weighed(self.sampled(values, seen)[:, :, self.judged])
+        seen = self.counted(self.sampled(values, seen)[:, :, self.judged])
         shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, seen, mixing)
         local_mixing = self.local_mixing(columns, model)
         wide = np.concatenate([self.local_columns(seen, local_mixing), shared_columns, residual[None]])
@@ -458,7 +482,7 @@ class Recorded:
         rows = np.zeros((len(self.lines), 2, self.data.force.size))
         for i, (channel, row) in enumerate(self.lines):
             rows[i, channel] = self.noise[channel].std * row
-        return np.concatenate([moved, self.weighed(rows[:, :, self.judged])])
+        return np.concatenate([moved, self.counted(rows[:, :, self.judged])])
 
     def gap_columns(self, raw: Raw, own: int, by_own_begin: Floats, by_column_begin: Floats, mixing: Floats,
                     local_mixing: Floats) -> tuple[Floats, Floats]:  # fmt: skip
@@ -528,7 +552,9 @@ class Recorded:
                 own = raw.by_state[:, :, begin : begin + seen].transpose(1, 0, 2)
                 parts[i, :, :, REACH * over : REACH * over + seen] = own
         parts = self.sampled(values, self.hypothesis.sense(values, parts, self.scene))
-        parts[0, :, :, : max(self.judged.start - int(low[0]), 0)] = 0.0
+        before = self.judged.start - int(low[0])
+        parts[0, :, :, :before] = 0.0
+        parts[0, :, 1, before : before + self.wait] = 0.0
         parts = self.weighed(parts)
         for part, length in zip(parts, high - low, strict=True):
             part[:, :, max(int(length), 0) :] = 0.0
@@ -544,19 +570,44 @@ class Recorded:
         model = self.hypothesis.model(values, self.scene)
         by_scalar, tables = (np.zeros((SCALARS, 0)), []) if fixed else self.differentiated(values, model)
         columns, mixing = mixed(by_scalar, tables)
+        if not fixed:
+            columns, mixing = self.with_waves(columns, mixing, values)
         if model.impacts > 0.0 and np.any(model.tables[COMPACTION]):
             # the number of impacts before, last
-            x = self.hypothesis.axes.points(COMPACTION)
-            rise = np.gradient(model.tables[COMPACTION], x)
+            axes = self.hypothesis.axes
+            run_ = axes.step[COMPACTION] * np.hypot(axes.points(COMPACTION), axes.scale[COMPACTION])
+            rise = np.gradient(model.tables[COMPACTION]) / run_
             columns = Columns(
                 np.append(columns.kind, CURVE),
                 np.append(columns.place, COMPACTION),
                 np.append(columns.turn, 0.0),
-                np.append(columns.cosine, 0),
+                np.append(columns.code, 0),
                 np.vstack([columns.table, rise]),
             )
             mixing = np.vstack([mixing, np.zeros(mixing.shape[1])])
         return model, columns, mixing
+
+    def with_waves(self, columns: Columns, mixing: Floats, values: Floats) -> tuple[Columns, Floats]:
+        """Columns, and how parameters' derivatives are made of them, with those of waves."""
+        waves, rows, first = [], [], 0
+        for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
+            for wave in term.wave_columns(own, self.scene):
+                row = np.zeros(mixing.shape[1])
+                for place, by in wave.by.items():
+                    row[first + place] = by
+                waves.append(wave)
+                rows.append(row)
+            first += own.size
+        if not waves:
+            return columns, mixing
+        more = Columns(
+            np.append(columns.kind, [each.kind for each in waves]),
+            np.append(columns.place, np.zeros(len(waves), dtype=np.int64)),
+            np.append(columns.turn, [each.turn for each in waves]),
+            np.append(columns.code, [each.code for each in waves]),
+            np.vstack([columns.table, np.zeros((len(waves), GRID))]),
+        )
+        return more, np.vstack([mixing, rows])
 
     def differentiated(self, values: Floats, model: Model) -> tuple[Floats, list[dict[int, Floats]]]:
         """(SCALARS, parameters) and tables by place: how the model changes with each parameter."""
@@ -600,7 +651,7 @@ class Recorded:
                 else:
                     more = self.read(np.concatenate(split), raw.said) - read
                 if more is not None:
-                    moved[first + j] += self.weighed(more[:, self.judged]) / step
+                    moved[first + j] += self.counted(more[:, self.judged]) / step
             first += own.size
         return moved * self.widths[:, None, None]
 

@@ -14,11 +14,12 @@ from drillenv.diagnosis.constants import NAMES
 from drillenv.diagnosis.drill import no_columns
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation
-from drillenv.diagnosis.measured import measured_law, measured_response
-from drillenv.diagnosis.naming import law_of
+from drillenv.diagnosis.measured import indices_of, measured_law, measured_response
+from drillenv.diagnosis.naming import MOST, effect_of, law_of
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.sensing import Added, Sensor
+from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.verdict import Outcome, Settled, wrong_constants
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
@@ -114,6 +115,9 @@ def strengths(final: Fitted, step: Step) -> dict[str, Any]:
     """Parameters of an equation by symbol."""
     equation, spread, found, first = step.named.equation, deviations(final), {}, 0
     assert equation is not None
+    if isinstance(equation, Sinusoid):
+        inside = indices_of(final, [equation])
+        return equation.stated(final.values[inside], spread[inside])
     for term in final.hypothesis.terms:
         if term.name == equation.name:
             for i, unknown in enumerate(term.unknowns):
@@ -137,8 +141,16 @@ def strengths(final: Fitted, step: Step) -> dict[str, Any]:
 
 
 def equivalents(step: Step) -> list[str]:
-    """Mechanisms that these recordings cannot tell from the one that is named."""
-    alike = {family.mechanism for family, other in step.rivals if other.cost - step.found < EQUAL}
+    """Mechanisms that these recordings cannot tell from the one that is named.
+
+    A law that follows no equation is as well of any other mechanism whose equation explains most of it.
+    """
+    nearest = step.named.nearest
+    most = (
+        MOST * step.gain if step.named.equation is None else min(worse for _, worse in nearest or [(None, 0.0)]) + EQUAL
+    )
+    named = {effect_of(equation) for equation, worse in nearest if worse < most}
+    alike = named | {family.mechanism for family, other in step.rivals if other.cost - step.found < EQUAL}
     return sorted(alike - {step.named.mechanism})
 
 
@@ -196,8 +208,8 @@ def excess(outcome: Outcome) -> list[dict[str, Any]]:
     for block, own in zip(outcome.plain.blocks, outcome.plain.fit.own, strict=True):
         values = outcome.plain.values
         raw = block.integrate(block.hypothesis.model(values, block.scene), own, no_columns(), 0)
-        left = block.residual(values, raw.said, own)
-        force = raw.said[0, :: block.over][block.judged]
+        left = block.residual(values, raw.said, own)[:, block.wait :]
+        force = raw.said[0, :: block.over][block.steady]
         rising = np.gradient(force) > 0.0
         for regime, mask in zip(CELLS, (force <= 0.0, (force > 0.0) & rising, (force > 0.0) & ~rising), strict=True):
             for channel, signal in zip(("force", "acceleration"), left, strict=True):
@@ -322,7 +334,7 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
     held = list(zip(*outcome.held_fits, strict=True))
     for i, (before, after) in enumerate([*fitted, *held]):
         block = after.block
-        inside = block.judged
+        inside = block.steady
         time = np.arange(block.data.force.size)[inside] / block.data.rate
         said = [reading(each)[:, inside] for each in (before, after)]
         traces = tuple(

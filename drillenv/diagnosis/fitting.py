@@ -63,7 +63,7 @@ class Fitted:
     @property
     def samples(self) -> int:
         """How many numbers are fitted."""
-        return sum(2 * (each.judged.stop - each.judged.start) for each in self.blocks)
+        return sum(each.samples for each in self.blocks)
 
     @property
     def freedom(self) -> int:
@@ -108,7 +108,7 @@ def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
         values = fitted.values
         raw = block.integrate(fitted.hypothesis.model(values, block.scene), own, no_columns(), 0)
         # lines that are known already are left in
-        left = (block.measured - block.read(values, raw.said))[:, block.judged]
+        left = (block.measured - block.read(values, raw.said))[:, block.steady]
         return level(left[0], block.data.quanta[0], block), level(left[1], block.data.quanta[1], block)
 
     def level(row: Floats, quantum: float, block: Recorded) -> NoiseModel:
@@ -202,7 +202,7 @@ def fit_to(
     blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
     # a model that is close may find that a constant is wrong; one that is far off must not
     priors = replace(priors, freedom=TAILS if weight == JOINED else math.inf)
-    samples = sum(2 * (each.judged.stop - each.judged.start) for each in blocks)
+    samples = sum(each.samples for each in blocks)
     if settled:
         each: Callable = map if pool is None else pool.map
         own = list(each(lambda block, x: block.settled(shared, x, SETTLING), blocks, own))

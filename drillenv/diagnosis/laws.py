@@ -45,6 +45,8 @@ NUMBERS = {
 
 SLOW = 30.0
 """Share of the highest speed below which free laws over a speed are as fine as above it, inverted."""
+MOST_IMPACTS = 1000.0
+"""On a face of the rock: as many as a rig makes in the seconds before a recording and in it."""
 NO_FORM = Form("", (), ())
 
 
@@ -155,11 +157,16 @@ def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
 
 
 def _unknown(parameter: Parameter, form: Form, i: int) -> Unknown:
-    """A parameter of an equation; its unit is a fifth of the largest start."""
+    """A parameter of an equation; its unit is a fifth of the largest start.
+
+    It is no farther from neutral than twice what is typical, where the equation would stand for another mechanism: a
+    soft layer that is thicker than the blows are deep is no layer.
+    """
     largest = max(abs(start[i]) for start in form.starts)
-    return Unknown(
-        parameter.symbol, form.starts[0][i], 0.2 * largest, math.inf, parameter.low, parameter.high, parameter.unit
-    )
+    farthest = 2.0 * max(abs(each - parameter.neutral) for each in parameter.typical) or math.inf
+    low, high = parameter.neutral - farthest, parameter.neutral + farthest
+    low, high = max(low, parameter.low), min(high, parameter.high)
+    return Unknown(parameter.symbol, form.starts[0][i], 0.2 * largest, math.inf, low, high, parameter.unit)
 
 
 def bsplines(count: int, at: Floats | None = None, degree: int = 3) -> Floats:
@@ -195,7 +202,7 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
         predict.UNLOADING: (0.0, deep, deep / 200.0),
         predict.RATE_FACTOR: (-fast, fast, fast / 8.0),
         predict.RATE_FORCE: (-fast, fast, fast / 8.0),
-        predict.COMPACTION: (0.0, 150.0, 5.0),
+        predict.COMPACTION: (0.0, MOST_IMPACTS, 5.0),
         predict.WAVEFORM: (0.0, TWO_PI, 1e3),
         predict.DRIVE: (-drive, drive, 1e3 * drive),
     }
@@ -234,6 +241,10 @@ class Family:
     """The mechanism where no equation of the library tells which; the group's name where empty."""
     outside: str = ""
     """A sentence for what no mechanism of the library is: such a family says what a campaign is ``unexplained`` by."""
+    textbook: bool = False
+    """Whether its law is the library's equation."""
+    looked: int = 1
+    """Of how many of its kind it is the best."""
 
     @property
     def mechanism(self) -> str:
@@ -268,7 +279,7 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
         return bsplines((count - 3) * detail + 3, at)
 
     knots = np.linspace(min(frequencies), max(frequencies), 3)
-    decay = splines(5)[:4]
+    decay = splines(6)[:5]
 
     def curve(name: str, width: float, place: int, basis: Floats, *known: Callable[[Floats], Floats]) -> Term:
         x = axes.points(place)

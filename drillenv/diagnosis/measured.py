@@ -17,6 +17,7 @@ from drillenv.diagnosis.laws import Equation, Family
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
+from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Model, Term
 
@@ -170,6 +171,14 @@ def shown(family: Family, fitted: Fitted, depth: float) -> Shown:
             return m.s[predict.MOUNT_GAIN] / max(m.s[predict.MOUNT_SQUARE], 1e-9) * x
 
         return Shown("steady force on the rock", "N", "m", x, give)
+    if isinstance(family.terms[0], Sinusoid):
+        channel = family.terms[0].channels[0]
+        x = np.linspace(0.0, 2.0 * np.pi, POINTS)
+
+        def wave(m: Model) -> Floats:
+            return np.hypot(m.sine[channel.index], m.cosine[channel.index]) * np.sin(x)
+
+        return Shown("phase of its own", "rad", channel.unit, x, wave)
     frequencies = [each.scene.frequency for each in fitted.blocks]
     x = np.linspace(min(frequencies), max(frequencies), POINTS)
     return Shown("frequency", "Hz", "1", x, lambda m: m.s[predict.F_A] + 0.0 * x)
@@ -194,7 +203,7 @@ def motions_left(fitted: Fitted) -> list[Motion]:
     """Every recording's motion, and what it leaves."""
     found = []
     for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
-        values, data, inside = fitted.values, block.data, block.judged
+        values, data, inside = fitted.values, block.data, block.steady
         model = block.hypothesis.model(values, block.scene)
         raw = block.integrate(model, own, no_columns(), 0, path=True)
         force, acceleration = (block.measured - block.read(values, raw.said) - block.disturbance(own))[:, inside]

@@ -25,6 +25,8 @@ LEVEL = 0.08
 """Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)
 """Steps of an equation's fit before it is seen whether it explains anything, and after."""
+MOST = 0.5
+"""Share of a law's gain that an equation may lack and still be said to explain most of it."""
 STARTS = 2
 """Starts of an equation that are followed to their end."""
 
@@ -250,8 +252,12 @@ def name_law(
     data: Sequence[Conditioned], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
 ) -> tuple[Named, Fitted]:
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
+    if family.textbook:
+        own = family.terms[0]
+        return Named(family, family.mechanism, own, [], (own, fitted.values_of(own.name))), fitted
     tried: list[tuple[Term, Fitted]] = []
     rest, kept = without(fitted, family.terms)
+    done = False
     for equation, starts in rivals(fitted, family):
         for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
@@ -262,13 +268,18 @@ def name_law(
                 other = fit_to(data, hypothesis, begun, own, pool, fitted.weight, THOROUGH, fitted.noise)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))
+            fewer = family.size - len(equation.unknowns)
+            done = done or Named.does_as_well(other.cost - fitted.cost, gain, fewer)
+            if done:
+                # of any other equation it is enough to see that it does not do better from its nearest start
+                break
     tried.sort(key=lambda pair: pair[1].cost)
     nearest = [(equation, other.cost - fitted.cost) for equation, other in tried]
     if not tried:
         return Named(family, family.mechanism, None, []), fitted
     best, found = tried[0]
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
-    mechanism = effect_of(best) if found.cost - fitted.cost < 0.5 * gain else family.mechanism
+    mechanism = effect_of(best) if found.cost - fitted.cost < MOST * gain else family.mechanism
     if isinstance(best, Sensor) and family.group == "accelerometer":
         mechanism = kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate_of(fitted))
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):

@@ -106,8 +106,9 @@ class Columns(NamedTuple):
     place: np.ndarray
     """Of a curve."""
     turn: np.ndarray
-    """rad/s, of a wave; its phase is 0 at the first sample, and pi / 2 where ``cosine`` is 1."""
-    cosine: np.ndarray
+    """rad/s, of a wave; its phase is 0 at the first sample."""
+    code: np.ndarray
+    """Of a wave: 0 sine, 1 cosine, 2 and 3 the same times the time in s."""
     table: np.ndarray
     """(columns, GRID) derivative of the place's curve."""
 
@@ -335,7 +336,9 @@ def _fill(columns, z, f, rock, d, theta, time, regime, impacts, s, axes, wanted,
             force_rock[j] = value * curve_rock[place]
         else:
             turned = columns.turn[j] * time
-            value = math.cos(turned) if columns.cosine[j] else math.sin(turned)
+            value = math.cos(turned) if columns.code[j] % 2 else math.sin(turned)
+            if columns.code[j] >= 2:
+                value *= time
             force[j] = 0.0
             force_rock[j] = 0.0
             if kind == ON_SHAKER:

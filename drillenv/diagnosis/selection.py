@@ -18,6 +18,8 @@ from drillenv.diagnosis.laws import Family, families, moved_to
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
+from drillenv.diagnosis.sinusoids import KINDS, Kind, frequencies, sinusoid
+from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
 from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.diagnosis.thresholds import CLOSE, FAINT, FALSE_ALARMS, LAW_LEFT, LEFT, NEAR, POSSIBLE, UNCONFIRMED
@@ -161,10 +163,26 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
             freedom = int(kept.sum())
             gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
             elsewhere = known.gain_elsewhere(inside)
-            scores.append(Score(each, gain, freedom, float(chi2.sf(2.0 * gain, freedom)), elsewhere))
+            p = min(each.looked * float(chi2.sf(2.0 * gain, freedom)), 1.0)
+            scores.append(Score(each, gain, freedom, p, elsewhere))
             chance = chi2.sf(((drawn[:, at] @ turned) ** 2).sum(axis=1), freedom)
             smallest = np.minimum(smallest, chance)
     return Tested(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
+
+
+def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> Family:
+    """What goes on at a frequency of its own, at that of the largest score test's gain."""
+    recordings = [block.scene.name for block in fitted.blocks]
+    seconds = max(block.data.force.size / block.data.rate for block in fitted.blocks)
+    looked = frequencies(kind, seconds)
+    # of several channels, the first shows the frequency
+    terms = [sinusoid(kind, each, recordings, kind.channels[:1]) for each in looked]
+    gradient, hessian = information(fitted, terms, pool).reduced()
+    gains = []
+    for i in range(looked.size):
+        at = slice(i * len(terms[0].unknowns), (i + 1) * len(terms[0].unknowns))
+        gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
+    return at_frequency(kind, float(looked[int(np.argmax(gains))]), recordings, looked.size)
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -272,6 +290,12 @@ def forward(
             if each.group not in measured and not (each.remembers and each.group in named)
             if possible is None or each.name in possible
         ]
+        if fitted.per_freedom > 1.0 + LEFT:
+            tried += [
+                at_best_frequency(fitted, each, pool)
+                for each in KINDS
+                if each.mechanism not in measured and each.mechanism not in named
+            ]
         scores, level = score_tests(fitted, tried, pool)
         level = level if earlier is None else min(level, earlier.level)
         # beside a law that is itself not exact, chance is not all that a gain has to exceed
@@ -384,21 +408,42 @@ def best_step(
 
     One of the groups ``named`` corrects an equation and follows none itself.
     """
+    resonant = [each for each in chosen if each.family.remembers]
+    fits = followed(data, fitted, [each for each in chosen if not each.family.remembers], pool, say)
+    if resonant and not (fits and fits[0][1].per_freedom < 1.0 + LEFT):
+        fits += followed(data, fitted, resonant, pool, say)
+        fits.sort(key=lambda pair: penalised(*pair, fitted))
+    best, found = fits[0]
+    if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
+        return None
+    step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
+    step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
+    return step
+
+
+def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
+    """Negative log-likelihood of a family's fit with the penalty on its parameters."""
+    return other.cost + penalty(score.freedom, fitted)
+
+
+def followed(
+    data: Sequence[Conditioned], fitted: Fitted, chosen: Sequence[Score], pool: Executor, say: Say
+) -> list[tuple[Score, Fitted]]:
+    """Short fits of families, of which the best are followed to their ends; the best first."""
     fits: list[tuple[Score, Fitted]] = []
-
-    def order(pair: tuple[Score, Fitted]) -> float:
-        return pair[1].cost + penalty(pair[0].freedom, fitted)
-
     for each in chosen:
         fits.append((each, with_family(fitted, each.family, data, pool, SHORT)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
+    if not fits:
+        return fits
     first, found = fits[0]
-    if fitted.weight == JOINED and fitted.cost - min(other.cost for _, other in fits) < PROMISED * first.gain:
+    least = fitted.cost - min(other.cost for _, other in fits)
+    if fitted.weight == JOINED and not first.family.remembers and least < PROMISED * first.gain:
         again = with_windows_freed(fitted, first.family, data, pool)
         if again.weight == JOINED and again.cost < found.cost:
             say(f"  {first.family.name}, windows free at first: gain {fitted.cost - again.cost:.1f}")
             fits[0] = first, again
-    fits.sort(key=order)
+    fits.sort(key=lambda pair: penalised(*pair, fitted))
     for rank, (each, other) in enumerate(fits[:CANDIDATES]):
         if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
             break
@@ -406,13 +451,8 @@ def best_step(
         again = fit_to(data, other.hypothesis, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
-    fits.sort(key=order)
-    best, found = fits[0]
-    if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
-        return None
-    step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
-    step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
-    return step
+    fits.sort(key=lambda pair: penalised(*pair, fitted))
+    return fits
 
 
 def settled(

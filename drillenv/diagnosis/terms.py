@@ -44,6 +44,18 @@ class Model:
     impacts: float = 0.0
 
 
+class WaveColumn(NamedTuple):
+    """A column of the integrator for a wave, and how parameters of its term change it."""
+
+    kind: int
+    turn: float
+    """rad/s."""
+    code: int
+    """0 sine, 1 cosine, 2 and 3 the same times the time."""
+    by: dict[int, float]
+    """Factor by place of the parameter in its term."""
+
+
 class Unknown(NamedTuple):
     """A shared parameter."""
 
@@ -73,6 +85,14 @@ class Term:
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add to the model of a recording."""
 
+    def wave_columns(self, values: Floats, scene: Scene) -> list[WaveColumn]:
+        """By what waves of the model change with the parameters."""
+        return []
+
+    def of_recording(self, name: str, values: Floats) -> tuple[Term, Floats]:
+        """The same for one recording, and its parameters; 0 where they are its own and it had no part in the fit."""
+        return self, values
+
     def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
         """What sensors make of signals (..., 2, n), linearly."""
         return signals
@@ -94,7 +114,7 @@ class Term:
 
     @property
     def moves(self) -> bool:
-        """Whether it acts on the motion."""
+        """Whether it acts on the motion by numbers or curves."""
         return type(self).contribute is not Term.contribute
 
 

@@ -25,6 +25,7 @@ from drillenv.diagnosis.fitting import (
     fit_to,
     joined,
     noise_left,
+    priors_of,
     quietest,
     resized,
 )
@@ -33,7 +34,8 @@ from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.selection import Step, Tested, forward
 from drillenv.diagnosis.sensing import Added
-from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.sinusoids import Sinusoid
+from drillenv.diagnosis.solver import Floats, Limits, minimise
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, LEFT_OF_ALL, SEVERAL
 from drillenv.recordings import Campaign
@@ -151,7 +153,21 @@ def polished(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fit
 
 
 def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
-    """A model that was fitted to stretches of recordings, fitted to all of them."""
+    """A model that was fitted to stretches of recordings, fitted to all of them.
+
+    A frequency of the model is known the better the longer the recordings are, and says where they go on for as long
+    again: such a model is fitted to stretches twice as long, and so on.
+    """
+    if any(isinstance(term, Sinusoid) for term in fitted.hypothesis.terms):
+        windows = 2 * max(each.windows for each in fitted.blocks)
+        while windows < max(len(each.starts) - 1 for each in data):
+            fitted = lengthened([each.first(windows) for each in data], fitted, pool)
+            windows *= 2
+    return lengthened(data, fitted, pool)
+
+
+def lengthened(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
+    """A model that was fitted to shorter stretches of recordings, fitted to longer ones."""
     if all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True)):
         return fitted
     there = evaluated(data, fitted, pool)
@@ -179,6 +195,7 @@ def evaluated(
 
     def settle(each: Conditioned, level: Noise) -> Settled:
         there = settled_block(each, *with_own_lines(fitted, level))
+        there = with_own_waves(there)
         return there if noise is not None else with_noise_left(there, fitted)
 
     return list(pool.map(settle, data, levels))
@@ -225,6 +242,34 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
     return Settled(block, own, shared)
 
 
+def with_own_waves(there: Settled) -> Settled:
+    """The same with amplitudes that are each recording's own fitted to this one, where its model has such."""
+    block, own, shared = there
+    terms, values, free = [], [], []
+    for term, each in zip(block.hypothesis.terms, block.hypothesis.split(shared * block.widths), strict=True):
+        alone, begun = term.of_recording(block.scene.name, each)
+        terms.append(alone)
+        values.append(begun / np.array([one.width for one in alone.unknowns]))
+        # the first is shared
+        free.append((np.arange(begun.size) > 0) & (alone is not term))
+    open_ = np.concatenate(free)
+    if not open_.any():
+        return there
+    start = np.concatenate(values)
+    hypothesis = Hypothesis(tuple(terms), block.hypothesis.axes)
+    bounds = priors_of(hypothesis)
+    pinned = replace(
+        bounds,
+        centre=start,
+        precision=np.where(open_, bounds.precision, 0.0),
+        low=np.where(open_, bounds.low, start),
+        high=np.where(open_, bounds.high, start),
+    )
+    alone = replace(block, hypothesis=hypothesis)
+    fit = minimise([alone], start, [own], pinned, Limits(15, 0.5, 1e-3), samples=block.samples)
+    return Settled(alone, fit.own[0], fit.shared)
+
+
 def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
     """The same model with lines whose amplitudes are each recording's as lines of a recording that was left out."""
     kept, start = [], []
@@ -269,7 +314,7 @@ def chi_square(blocks: Sequence[Settled]) -> float:
         raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own, no_columns(), 0)
         residual = block.residual(shared * block.widths, raw.said, own)
         total += float((residual**2).sum())
-        freedom += residual.size - own.size
+        freedom += block.samples - own.size
     return total / max(freedom, 1)
 
 

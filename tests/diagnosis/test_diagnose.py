@@ -80,9 +80,9 @@ def test_states_read_from_the_measurements_start_the_model_near_them():
     values = shared * block.widths
     model = block.hypothesis.model(values, block.scene)
     said = block.integrate(model, first_states(data), no_columns(), 0).said
-    left = (block.measured - block.read(values, said))[0, block.judged]
+    left = (block.measured - block.read(values, said))[0, block.steady]
     # the peaks are of 1.5 kN; without any fit the model follows them within a tenth of their rms
-    assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.judged] ** 2))
+    assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.steady] ** 2))
 
 
 def test_a_window_that_begins_elsewhere_finds_back():
