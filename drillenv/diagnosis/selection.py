@@ -170,19 +170,20 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     return Tested(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 
-def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> Family:
-    """What goes on at a frequency of its own, at that of the largest score test's gain."""
+def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> list[Family]:
+    """What goes on at a frequency of its own, at that of the largest score test's gain; none in short recordings."""
     recordings = [block.scene.name for block in fitted.blocks]
-    seconds = max(block.data.force.size / block.data.rate for block in fitted.blocks)
-    looked = frequencies(kind, seconds)
+    looked = frequencies(kind, max(block.data.force.size / block.data.rate for block in fitted.blocks))
+    if not looked.size:
+        return []
     # of several channels, the first shows the frequency
-    terms = [sinusoid(kind, each, recordings, kind.channels[:1]) for each in looked]
+    terms = [sinusoid(kind, each, recordings, 0.0, kind.channels[:1]) for each in looked]
     gradient, hessian = information(fitted, terms, pool).reduced()
     gains = []
     for i in range(looked.size):
         at = slice(i * len(terms[0].unknowns), (i + 1) * len(terms[0].unknowns))
         gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
-    return at_frequency(kind, float(looked[int(np.argmax(gains))]), recordings, looked.size)
+    return [at_frequency(kind, float(looked[int(np.argmax(gains))]), recordings, looked)]
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -291,11 +292,9 @@ def forward(
             if possible is None or each.name in possible
         ]
         if fitted.per_freedom > 1.0 + LEFT:
-            tried += [
-                at_best_frequency(fitted, each, pool)
-                for each in KINDS
-                if each.mechanism not in measured and each.mechanism not in named
-            ]
+            for kind in KINDS:
+                if kind.mechanism not in measured and kind.mechanism not in named:
+                    tried += at_best_frequency(fitted, kind, pool)
         scores, level = score_tests(fitted, tried, pool)
         level = level if earlier is None else min(level, earlier.level)
         # beside a law that is itself not exact, chance is not all that a gain has to exceed
@@ -411,7 +410,7 @@ def best_step(
     resonant = [each for each in chosen if each.family.remembers]
     fits = followed(data, fitted, [each for each in chosen if not each.family.remembers], pool, say)
     if resonant and not (fits and fits[0][1].per_freedom < 1.0 + LEFT):
-        fits += followed(data, fitted, resonant, pool, say)
+        fits += followed(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]
     if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
@@ -427,9 +426,14 @@ def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
 
 
 def followed(
-    data: Sequence[Conditioned], fitted: Fitted, chosen: Sequence[Score], pool: Executor, say: Say
+    data: Sequence[Conditioned],
+    fitted: Fitted,
+    chosen: Sequence[Score],
+    pool: Executor,
+    say: Say,
+    best: float | None = None,
 ) -> list[tuple[Score, Fitted]]:
-    """Short fits of families, of which the best are followed to their ends; the best first."""
+    """Short fits of families, of which those near to the ``best`` cost so far are followed to their ends."""
     fits: list[tuple[Score, Fitted]] = []
     for each in chosen:
         fits.append((each, with_family(fitted, each.family, data, pool, SHORT)))
@@ -445,12 +449,15 @@ def followed(
             fits[0] = first, again
     fits.sort(key=lambda pair: penalised(*pair, fitted))
     for rank, (each, other) in enumerate(fits[:CANDIDATES]):
-        if rank > 0 and other.cost > fits[0][1].cost + 0.5 * (fitted.cost - fits[0][1].cost):
+        # beside one that explains all, only what explains nearly as much is a rival
+        near = 0.5 if rank == 0 or fits[0][1].per_freedom > 1.0 + LEFT else LAW_LEFT
+        if best is not None and other.cost > best + near * (fitted.cost - best):
             break
         start = other.fit.shared
         again = fit_to(data, other.hypothesis, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
+        best = again.cost if best is None else min(best, again.cost)
     fits.sort(key=lambda pair: penalised(*pair, fitted))
     return fits
 

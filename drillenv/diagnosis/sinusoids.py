@@ -122,16 +122,27 @@ KINDS = (
 )
 
 
+TURNS = 2.0
+"""In a recording at least: what turns less is a drift, which much else makes as well."""
+
+
 def frequencies(kind: Kind, seconds: float) -> Floats:
-    """Hz at which recordings so long are looked through: at most a quarter of a turn lies between two at their ends."""
-    count = math.ceil((kind.highest - kind.lowest) * 2.0 * seconds) + 1
-    return np.linspace(kind.lowest, kind.highest, count)
+    """Hz at which recordings so long are looked through: at most a quarter of a turn lies between two at their ends.
+
+    Empty where recordings are too short for any.
+    """
+    lowest = max(kind.lowest, TURNS / seconds)
+    if lowest > kind.highest:
+        return np.zeros(0)
+    return np.linspace(lowest, kind.highest, math.ceil((kind.highest - lowest) * 2.0 * seconds) + 1)
 
 
-def sinusoid(kind: Kind, frequency: float, recordings: Sequence[str], channels: Sequence[Channel] = ()) -> Sinusoid:
-    """At no amplitude; on some of the mechanism's channels, or on all."""
+def sinusoid(
+    kind: Kind, frequency: float, recordings: Sequence[str], apart: float, channels: Sequence[Channel] = ()
+) -> Sinusoid:
+    """At no amplitude; on some of the mechanism's channels, or on all; the frequency within ``apart`` Hz."""
     used = tuple(channels) or kind.channels
-    unknowns = [Unknown(kind.symbol, frequency, 0.1, math.inf, 0.3, 1e3, "Hz")]
+    unknowns = [Unknown(kind.symbol, frequency, 0.1, math.inf, frequency - apart, frequency + apart, "Hz")]
     for name in recordings:
         for channel in used:
             for wave in ("sine", "cosine"):
@@ -141,7 +152,8 @@ def sinusoid(kind: Kind, frequency: float, recordings: Sequence[str], channels: 
     return Sinusoid(name, tuple(unknowns), kind.symbol, kind.turns, used, tuple(recordings))
 
 
-def family(kind: Kind, frequency: float, recordings: Sequence[str], looked: int) -> Family:
-    """The mechanism at the best of ``looked`` frequencies; its law is the library's equation."""
-    term = sinusoid(kind, frequency, recordings)
-    return Family(term.name, kind.mechanism, (term,), textbook=True, looked=looked)
+def family(kind: Kind, frequency: float, recordings: Sequence[str], looked: Floats) -> Family:
+    """The mechanism at the best of the frequencies ``looked`` through; its law is the library's equation."""
+    apart = float(looked[1] - looked[0]) if looked.size > 1 else 0.5 * frequency
+    term = sinusoid(kind, frequency, recordings, apart)
+    return Family(term.name, kind.mechanism, (term,), textbook=True, looked=looked.size)

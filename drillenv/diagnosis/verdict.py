@@ -103,7 +103,10 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         say("fitting whole recordings")
         whole = extended(fit_data, found, pool)
         say(f"reduced chi-square {whole.per_freedom:.3f}")
-        final, steps, tested = forward(fit_data, whole, pool, say, steps, tested)
+        final = whole
+        # a model that does not hold where its stretches go on is not mended by more families
+        if whole.per_freedom < CLOSE:
+            final, steps, tested = forward(fit_data, whole, pool, say, steps, tested)
         final = polished(fit_data, final, pool)
         after = before = evaluated(held_data, final, pool)
         plain = final
@@ -170,7 +173,7 @@ def lengthened(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> F
     """A model that was fitted to shorter stretches of recordings, fitted to longer ones."""
     if all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True)):
         return fitted
-    there = evaluated(data, fitted, pool)
+    there = evaluated(data, fitted, pool, known=True)
     # lines that the model has itself are no noise
     noise = [without_lines(each.block, own_lines(fitted)) for each in there]
     own = [each.own for each in there]
@@ -180,7 +183,7 @@ def lengthened(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> F
 
 def resettled(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
     """A model fitted to stretches on all of the recordings, its shared parameters as they are."""
-    there = evaluated(data, fitted, pool, best.noise)
+    there = evaluated(data, fitted, pool, best.noise, known=True)
     own = [each.own for each in there]
     blocks = [each.block for each in there]
     cost = sum(block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True))
@@ -188,17 +191,40 @@ def resettled(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: E
 
 
 def evaluated(
-    data: Sequence[Conditioned], fitted: Fitted, pool: Executor, noise: Sequence[Noise] | None = None
+    data: Sequence[Conditioned],
+    fitted: Fitted,
+    pool: Executor,
+    noise: Sequence[Noise] | None = None,
+    known: bool = False,
 ) -> list[Settled]:
-    """Recordings with only their own unknowns fitted; their noise, where it is not given, is what the model leaves."""
-    levels = quietest(fitted.noise, data) if noise is None else noise
+    """Recordings with only their own unknowns fitted; their noise, where it is not given, is what the model leaves.
 
-    def settle(each: Conditioned, level: Noise) -> Settled:
-        there = settled_block(each, *with_own_lines(fitted, level))
+    Of recordings that are ``known`` the fit has the beginning.
+    """
+    levels = quietest(fitted.noise, data) if noise is None else noise
+    beginnings = [Beginning.of(*each) for each in zip(fitted.blocks, fitted.fit.own, strict=True)] if known else None
+
+    def settle(each: Conditioned, level: Noise, beginning: Beginning | None) -> Settled:
+        there = settled_block(each, *with_own_lines(fitted, level), beginning)
         there = with_own_waves(there)
         return there if noise is not None else with_noise_left(there, fitted)
 
-    return list(pool.map(settle, data, levels))
+    return list(pool.map(settle, data, levels, beginnings or [None] * len(data)))
+
+
+class Beginning(NamedTuple):
+    """Own unknowns of the beginning of a recording."""
+
+    states: Floats
+    """(windows, kept)."""
+    behind: Floats
+    """(2,) share of the pressure and impacts before."""
+
+    @classmethod
+    def of(cls, block: Recorded, own: Floats) -> Beginning:
+        """As a fit has them."""
+        states = block.states_of(own)
+        return cls(states, own[states.size : states.size + 2])
 
 
 def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
@@ -215,16 +241,21 @@ def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
     return Settled(again, again.settled(shared, begun), shared)
 
 
-def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
-    """A recording's block with its own unknowns at their best."""
+def settled_block(each: Conditioned, fitted: Fitted, level: Noise, beginning: Beginning | None = None) -> Settled:
+    """A recording's block with its own unknowns at their best; they begin as known, or as first guessed."""
     size = predict.STATES if any(term.remembers for term in fitted.hypothesis.terms) else 4
-    own = resized(first_states(each), len(each.starts) - 1, size, 4, 0)
+    windows = len(each.starts) - 1
+    own = resized(first_states(each), windows, size, 4, 0)
+    behind = slice(windows * size, windows * size + 2)
+    if beginning is not None:
+        states, own[behind] = beginning
+        own[: states.size] = states.ravel()
     shared = fitted.fit.shared
 
     def settle(weight: float, own: Floats) -> tuple[Recorded, Floats]:
         block = Recorded(each, fitted.hypothesis, weight, level, size)
-        if own.size != block.windows * size + block.locals:
-            own = np.append(own[: block.windows * size + 2], np.zeros(len(block.lines)))
+        if own.size != windows * size + block.locals:
+            own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
         own = block.settled(shared, block.chained(shared, own) if weight == JOINED else own)
         again = block.restarted(shared, own)
         return block, own if again is own else block.settled(shared, again)
@@ -233,7 +264,12 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise) -> Settled:
     if fitted.weight == FREE:
         return Settled(block, own, shared)
     free, close = own, block.per_sample(shared, own) < CLOSE
-    block, own = settle(fitted.weight, own)
+    # windows that are free say little of the pressure, and of what goes on from each to the next
+    begun = free.copy()
+    begun[behind] = 0.0 if beginning is None else beginning.behind
+    if beginning is not None:
+        begun[:2] = beginning.states[0, :2]
+    block, own = settle(fitted.weight, begun)
     if close and block.per_sample(shared, own) > CLOSE:
         # windows that were not near enough to each other to be joined at once
         own = free

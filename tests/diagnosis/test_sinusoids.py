@@ -23,7 +23,7 @@ def block_with(kind, frequency, amplitude):
     campaign = campaign_with()
     data = condition(campaign.recordings[0], Rig())
     block = nominal_block(campaign, data)
-    term = sinusoid(kind, frequency, [data.name])
+    term = sinusoid(kind, frequency, [data.name], 1.0)
     block = replace(block, hypothesis=Hypothesis((*block.hypothesis.terms, term), block.hypothesis.axes))
     shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
     shared[-len(term.unknowns) + 1 :] = amplitude
@@ -48,10 +48,12 @@ def test_frequencies_are_near_enough_for_the_length_of_a_recording():
     assert looked[0] == VIBRATION.lowest and looked[-1] == VIBRATION.highest
     # between two of them a wave gains less than a quarter of a turn on its neighbour
     assert np.all(np.diff(looked) * 0.8 / 2.0 <= 0.25 + 1e-9)
+    # a rock that turns twice a second or less only drifts in as short a recording
+    assert frequencies(ROTATION, 0.8)[0] == 2.5 and frequencies(ROTATION, 0.15).size == 0
 
 
 def test_another_recording_has_amplitudes_of_its_own():
-    term = sinusoid(VIBRATION, 30.0, ["a", "b"])
+    term = sinusoid(VIBRATION, 30.0, ["a", "b"], 1.0)
     values = np.arange(float(len(term.unknowns))) + 30.0
     known, own = term.of_recording("b", values)
     assert known.recordings == ("b",)
@@ -60,7 +62,7 @@ def test_another_recording_has_amplitudes_of_its_own():
 
 
 def test_what_is_stated_is_the_librarys():
-    term = sinusoid(ROTATION, 1.5, ["a", "b"])
+    term = sinusoid(ROTATION, 1.5, ["a", "b"], 0.1)
     stated = term.stated(np.array([1.5, 0.03, 0.04, 0.05, 0.0]), np.full(5, 0.01))
     assert stated["Omega"]["value"] == pytest.approx(3.0 * math.pi)
     assert stated["eps"]["value"] == pytest.approx(0.05)
