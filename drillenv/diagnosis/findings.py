@@ -13,8 +13,8 @@ from drillenv.diagnosis import predict
 from drillenv.diagnosis.constants import NAMES
 from drillenv.diagnosis.drill import no_columns
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation
-from drillenv.diagnosis.measured import indices_of, measured_law, measured_response
+from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
+from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response
 from drillenv.diagnosis.naming import MOST, effect_of, law_of
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step
@@ -85,7 +85,7 @@ def finding(outcome: Outcome, step: Step) -> dict[str, Any]:
         entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
         nearest = named.nearest_fit if named.equation is None else None
-        entry["law"] = measured_law(final, step.family, terms, median_depth(outcome), nearest)
+        entry["law"] = measured_law(final, step.family, terms, median_depth(outcome), visited(outcome), nearest)
     return entry
 
 
@@ -152,6 +152,21 @@ def equivalents(step: Step) -> list[str]:
     named = {effect_of(equation) for equation, worse in nearest if worse < most}
     alike = named | {family.mechanism for family, other in step.rivals if other.cost - step.found < EQUAL}
     return sorted(alike - {step.named.mechanism})
+
+
+def visited(outcome: Outcome) -> Visited:
+    """What all recordings visit, by the model that was found."""
+    final = outcome.final
+    fitted = [Settled(*each, final.fit.shared) for each in zip(final.blocks, final.fit.own, strict=True)]
+    paths, drive, rest, frequencies = [], 0.0, [], []
+    for block, own, shared in (*fitted, *outcome.held_fits[1]):
+        model = block.hypothesis.model(shared * block.widths, block.scene)
+        path = block.integrate(model, own, no_columns(), 0, path=True).path
+        paths.append(path[:, block.inside.start // block.stride : block.inside.stop // block.stride])
+        drive = max(drive, float(model.s[predict.F_A]))
+        rest.append(float(model.s[predict.F_B] / model.s[predict.K]))
+        frequencies.append(block.scene.frequency)
+    return Visited(axes_of(paths, drive, rest), (min(frequencies), max(frequencies)))
 
 
 def median_depth(outcome: Outcome) -> float:

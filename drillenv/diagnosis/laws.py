@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -12,7 +13,7 @@ from scipy.interpolate import BSpline
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.terms import Model, Scene, Term, Unknown
+from drillenv.diagnosis.terms import Hypothesis, Model, Scene, Term, Unknown
 from drillenv.dynamics.effects import REGISTRY, Parameter
 from drillenv.dynamics.forms import Around, Form
 
@@ -32,6 +33,7 @@ PLACE_NAMES = (
     "drive-curve",
 )
 """In the order of the integrator's places."""
+SPRINGS = (predict.SPRING, predict.SPRING_FROM_REST)
 LOGARITHMS = (predict.LOADING, predict.UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
 NUMBERS = {
@@ -56,7 +58,12 @@ class Curve(Term):
 
     place: int = 0
     basis: Floats = field(default_factory=lambda: np.zeros((0, GRID)))
-    """(coefficients, GRID)."""
+    """(coefficients, GRID), of root mean square 1, the smoothest first."""
+
+    @property
+    def roughness(self) -> Floats:
+        """(coefficients,) mean square of each function's second difference."""
+        return np.mean(np.diff(self.basis, 2, axis=1) ** 2, axis=1)
 
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add the curve."""
@@ -65,15 +72,25 @@ class Curve(Term):
 
 @dataclass(frozen=True)
 class Gain(Term):
-    """A free law over the frequency of the excitation: of the drive's gain, or of its phase."""
+    """A free law over the frequency of the excitation: of the drive's gain, or of its phase.
+
+    The polynomial through values at knots.
+    """
 
     scalar: int = 0
     knots: Floats = field(default_factory=lambda: np.zeros(0))
     """(coefficients,) Hz."""
 
+    def at(self, frequency: float, values: Floats) -> float:
+        """The law at a frequency in Hz."""
+        low, high = self.knots[0], self.knots[-1]
+        x = 2.0 * (np.append(self.knots, frequency) - low) / max(high - low, 1e-9) - 1.0
+        powers = np.polynomial.chebyshev.chebvander(x, self.knots.size - 1)
+        return float(powers[-1] @ np.linalg.lstsq(powers[:-1], values, rcond=None)[0])
+
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Change the drive's gain or phase at the recording's frequency."""
-        change = float(np.interp(scene.frequency, self.knots, values))
+        change = self.at(scene.frequency, values)
         if self.scalar == predict.F_A:
             model.s[predict.F_A] *= 1.0 + change
         else:
@@ -267,8 +284,13 @@ class Family:
         return any(term.remembers for term in self.terms)
 
 
-def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[Family]:
-    """Every family with a free law, at zero; ``detail`` times as many spline intervals."""
+def families(axes: Axes, frequencies: Sequence[float], detail: int = 1, whole: bool = False) -> list[Family]:
+    """Every family with a free law, at zero; ``detail`` times as many spline intervals.
+
+    What constants of the paper's model can take up is left to them, as no sign that anything is missing; of a law that
+    is known to be there the ``whole`` is free, and what is straight in it is its own or the constants' as their priors
+    have it.
+    """
 
     def splines(count: int, place: int | None = None) -> Floats:
         at = None
@@ -278,12 +300,20 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
             at = np.arcsinh(4.0 * x / x[-1])
         return bsplines((count - 3) * detail + 3, at)
 
-    knots = np.linspace(min(frequencies), max(frequencies), 3)
+    distinct = np.unique(np.round(frequencies, 1)).size
+    knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
     decay = splines(6)[:5]
 
     def curve(name: str, width: float, place: int, basis: Floats, *known: Callable[[Floats], Floats]) -> Term:
         x = axes.points(place)
-        free = normalised(basis, [each(x) for each in known])
+        if whole and place in (predict.DAMPER, predict.DRIVE):
+            free = _through_zero(basis)
+        elif whole:
+            # where a spring is at rest, no recording says
+            free = normalised(basis, [np.ones_like(x)] if place in SPRINGS else [])
+        else:
+            free = normalised(basis, [each(x) for each in known])
+        free = smoothest_first(free)
         return Curve(name, _named(name, len(free), width), place, free)
 
     def over_speed(count: int) -> Floats:
@@ -346,8 +376,8 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
             "drive-droop",
             "drive-droop",
             (
-                Gain("gain", _named("gain", 3, 0.05), predict.F_A, knots),
-                Gain("phase", _named("phase", 3, 0.05), predict.PHASE, knots),
+                Gain("gain", _named("gain", knots.size, 0.05), predict.F_A, knots),
+                Gain("phase", _named("phase", knots.size, 0.05), predict.PHASE, knots),
             ),
         ),
     ]
@@ -363,11 +393,56 @@ def _itself(x: Floats) -> Floats:
     return x
 
 
-def moved_to(term: Term, other: Term, values: Floats) -> Floats:
-    """Coefficients with which ``other`` has, as nearly as can be, the law that ``term`` has with ``values``."""
+class Same(NamedTuple):
+    """A model that moves the same, in other words: what is straight in a law is the law's, and not a constant's."""
+
+    axes: Axes
+    values: Floats
+    """Parameters, with the constants as stated."""
+    more: dict[str, Floats]
+    """(GRID,) that the tables of curves get, by the curve's name."""
+
+
+STRAIGHT = {predict.SPRING: "stiffness", predict.SPRING_FROM_REST: "stiffness", predict.DAMPER: "damping"}
+"""Constants whose law is a straight one at the same place."""
+
+
+def as_stated(hypothesis: Hypothesis, values: Floats, terms: Sequence[Term]) -> Same:
+    """The same with constants as stated, whose places have one of these curves.
+
+    Recordings say what spring and damper do, and not which share of it is straight; that is for the priors to say.
+    Where the spring is at rest, they say neither: the curve moves along its argument as the stated stiffness has it.
+    """
+    constants = hypothesis.terms[0]
+    names = [each.name for each in constants.unknowns]
+    values, more, low = values.copy(), {}, hypothesis.axes.low.copy()
+    for term, own in zip(hypothesis.terms, hypothesis.split(values), strict=True):
+        if term in terms and isinstance(term, Curve) and term.place in STRAIGHT:
+            i = names.index(STRAIGHT[term.place])
+            stated = constants.unknowns[i].value
+            x = hypothesis.axes.points(term.place)
+            whole = own @ term.basis + (values[i] - stated) * x
+            if term.place == predict.SPRING:
+                # the axis is even over a spring's range
+                low[term.place] += whole.mean() / stated / hypothesis.axes.scale[term.place]
+            level = 0.0 if term.place == predict.DAMPER else whole.mean()
+            more[term.name] = whole - level - own @ term.basis
+            values[i] = stated
+    return Same(hypothesis.axes._replace(low=low), values, more)
+
+
+def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0) -> Floats:
+    """Coefficients with which ``other`` has, as nearly as can be, the law of ``term`` with ``values`` and ``more``."""
+    if isinstance(term, Gain) and isinstance(other, Gain):
+        return np.array([term.at(each, values) for each in other.knots])
     if not isinstance(term, Curve) or not isinstance(other, Curve):
         return values
-    return np.asarray(np.linalg.lstsq(other.basis.T, values @ term.basis, rcond=None)[0], dtype=float)
+    columns = other.basis.T
+    if term.place in (predict.DAMPER, predict.DRIVE):
+        # a force that is there at all times is the pressure's
+        columns = np.column_stack([columns, np.ones(GRID)])
+    found = np.linalg.lstsq(columns, values @ term.basis + more, rcond=None)[0]
+    return np.asarray(found[: len(other.basis)], dtype=float)
 
 
 def normalised(basis: Floats, known: Sequence[Floats]) -> Floats:
@@ -377,6 +452,13 @@ def normalised(basis: Floats, known: Sequence[Floats]) -> Floats:
         basis = basis - (basis @ fixed) @ fixed.T
     _, sizes, rows = np.linalg.svd(basis, full_matrices=False)
     return np.asarray(rows[sizes > 1e-6 * sizes[0]] * math.sqrt(GRID), dtype=float)
+
+
+def smoothest_first(basis: Floats) -> Floats:
+    """Functions (m, GRID) that span the same, orthogonal, and so are their second differences."""
+    rows = np.linalg.svd(basis, full_matrices=False)[2][: len(basis)]
+    bent = np.diff(rows, 2, axis=1)
+    return np.asarray(np.linalg.eigh(bent @ bent.T)[1].T @ rows * math.sqrt(GRID), dtype=float)
 
 
 def _through_zero(basis: Floats) -> Floats:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.diagnosis import predict
+from drillenv.diagnosis.coupling import look
 from drillenv.diagnosis.drill import no_columns
 from drillenv.diagnosis.laws import Equation, Family
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
@@ -62,9 +63,17 @@ class Shown(NamedTuple):
     """Whether constants of the rig take up what is straight in the law."""
 
 
+class Visited(NamedTuple):
+    """What all recordings of a campaign visit, those that were held out included."""
+
+    axes: Axes
+    """Over the range of each place's argument."""
+    frequencies: tuple[float, float]
+    """Hz, the lowest and the highest excitation."""
+
+
 def _at(model: Model, axes: Axes, place: int, x: Floats) -> Floats:
-    at = (np.arcsinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
-    return np.interp(at, np.arange(GRID), model.tables[place])
+    return look(model.tables[place], axes, place, x)
 
 
 def _ends(axes: Axes, place: int) -> tuple[float, float]:
@@ -72,9 +81,8 @@ def _ends(axes: Axes, place: int) -> tuple[float, float]:
     return float(points[0]), float(points[-1])
 
 
-def _contact_law(axes: Axes) -> Shown:
-    """Force over depth while loading, beyond that of the straight law: w' = kappa d' integrated."""
-    top = _ends(axes, predict.LOADING)[1]
+def _contact_law(axes: Axes, top: float) -> Shown:
+    """Force over depth while loading, beyond that of the straight law: w' = kappa d' integrated; ``top`` is of w."""
     x = np.linspace(0.0, top, POINTS)
 
     def y(model: Model) -> Floats:
@@ -93,8 +101,8 @@ def _contact_law(axes: Axes) -> Shown:
     return Shown("depth, loading", "m", "N", x, y, seen, straight=True)
 
 
-def _contact_rate(axes: Axes, depth: float) -> Shown:
-    x = np.linspace(0.0, _ends(axes, predict.RATE_FACTOR)[1], POINTS)
+def _contact_rate(axes: Axes, fastest: float, depth: float) -> Shown:
+    x = np.linspace(0.0, fastest, POINTS)
 
     def y(model: Model) -> Floats:
         force = model.s[predict.K_L] * depth * _at(model, axes, predict.RATE_FACTOR, x)
@@ -108,8 +116,10 @@ def _contact_rate(axes: Axes, depth: float) -> Shown:
     return Shown("speed into the rock, at the median depth", "m/s", "N", x, y, seen)
 
 
-def _plain(axes: Axes, place: int, argument: str, argument_unit: str, unit: str, seen: Seen | None) -> Shown:
-    low, high = _ends(axes, place)
+def _plain(
+    axes: Axes, ends: tuple[float, float], place: int, argument: str, argument_unit: str, unit: str, seen: Seen | None
+) -> Shown:
+    low, high = ends
     x = np.linspace(low, high, POINTS)
     straight = place in (predict.SPRING, predict.SPRING_FROM_REST, predict.DAMPER, predict.DRIVE)
     return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
@@ -140,7 +150,7 @@ def _over_drive(motion: Motion) -> tuple[Floats, Floats]:
     return s[predict.F_A] * np.sin(motion.theta + s[predict.PHASE]), motion.push
 
 
-def shown(family: Family, fitted: Fitted, depth: float) -> Shown:
+def shown(family: Family, fitted: Fitted, depth: float, visited: Visited) -> Shown:
     """How a family's law is shown; ``depth`` is the median loading depth in m."""
     axes = fitted.hypothesis.axes
     plain = {
@@ -153,11 +163,11 @@ def shown(family: Family, fitted: Fitted, depth: float) -> Shown:
         "force-limit": (predict.DRIVE, "force asked of the drive", "N", "N", _over_drive),
     }
     if family.group in plain:
-        return _plain(axes, *plain[family.group])
+        return _plain(axes, _ends(visited.axes, plain[family.group][0]), *plain[family.group])
     if family.group == "contact-law":
-        return _contact_law(axes)
+        return _contact_law(axes, _ends(visited.axes, predict.LOADING)[1])
     if family.group == "contact-rate":
-        return _contact_rate(axes, depth)
+        return _contact_rate(axes, _ends(visited.axes, predict.RATE_FACTOR)[1], depth)
     if family.group == "rock-compaction":
         x = np.linspace(0.0, 120.0, POINTS)
         return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, predict.COMPACTION, x))
@@ -179,8 +189,7 @@ def shown(family: Family, fitted: Fitted, depth: float) -> Shown:
             return np.hypot(m.sine[channel.index], m.cosine[channel.index]) * np.sin(x)
 
         return Shown("phase of its own", "rad", channel.unit, x, wave)
-    frequencies = [each.scene.frequency for each in fitted.blocks]
-    x = np.linspace(min(frequencies), max(frequencies), POINTS)
+    x = np.linspace(*visited.frequencies, POINTS)
     return Shown("frequency", "Hz", "1", x, lambda m: m.s[predict.F_A] + 0.0 * x)
 
 
@@ -247,10 +256,15 @@ def nearest_curve(fitted: Fitted, display: Shown, y: Floats, equation: Equation,
 
 
 def measured_law(
-    fitted: Fitted, family: Family, terms: Sequence[Term], depth: float, nearest: tuple[Term, Floats] | None = None
+    fitted: Fitted,
+    family: Family,
+    terms: Sequence[Term],
+    depth: float,
+    visited: Visited,
+    nearest: tuple[Term, Floats] | None = None,
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
-    display = shown(family, fitted, depth)
+    display = shown(family, fitted, depth, visited)
     own_indices = indices_of(fitted, terms)
     at = fitted.fit.shared
     y = curve_of(fitted, display, terms, at)

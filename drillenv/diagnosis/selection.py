@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined, kept_of, noise_left, resized
-from drillenv.diagnosis.laws import Family, families, moved_to
+from drillenv.diagnosis.laws import Curve, Family, Gain, as_stated, families, moved_to
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
@@ -28,7 +28,7 @@ CANDIDATES = 3
 """Families that are fitted side by side at each step."""
 MOST = 4
 """Families, at most."""
-SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(25, 0.5, 0.003)
+SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(12, 0.5, 0.003)
 DETAILS = (2, 4)
 """Resolutions of a free law that are tried."""
 PROMISED = 0.5
@@ -187,7 +187,10 @@ def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> list[Family
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same family with a law of twice the resolution, and of more as long as that is seen in the fit."""
+    """The same family with its whole law, of twice the resolution, and of more as long as that is seen in the fit."""
+    if not any(isinstance(each, Curve | Gain) for each in family.terms):
+        return fitted
+    fitted = with_detail(data, fitted, family, 1, pool)
     for detail in DETAILS:
         finer = with_detail(data, fitted, family, detail, pool)
         more = finer.fit.shared.size - fitted.fit.shared.size
@@ -195,23 +198,60 @@ def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
         fitted = fitted if enough else finer
         if enough or finer.per_freedom < 1.0 + LEFT:
             break
-    return fitted
+    return smoothed(data, fitted, family, pool)
+
+
+def smoothed(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+    """The same with laws that are as smooth as makes their coefficients most likely.
+
+    The roughness penalty of P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121, as a prior, whose
+    scale has the largest marginal likelihood (S. N. Wood, Journal of the Royal Statistical Society B 73 (2011) 3-36)
+    by the quadratic of the log-likelihood about the fit.
+    """
+    names, first, terms = {each.name for each in family.terms}, 0, []
+    covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
+    for term in fitted.hypothesis.terms:
+        inside = slice(first, first + len(term.unknowns))
+        first = inside.stop
+        if isinstance(term, Curve) and term.name in names:
+            stds = most_likely_prior(fitted.fit.shared[inside], covariance[inside, inside], term.roughness)
+            unknowns = zip(term.unknowns, stds, strict=True)
+            term = replace(term, unknowns=tuple(each._replace(std=each.width * std) for each, std in unknowns))
+        terms.append(term)
+    hypothesis = Hypothesis(tuple(terms), fitted.hypothesis.axes)
+    start, own = fitted.fit.shared, fitted.fit.own
+    return fit_to(data, hypothesis, start, own, pool, fitted.weight, MIDDLING, fitted.noise)
+
+
+def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> Floats:
+    """Standard deviations (m,) of a law's coefficients, in inverse proportion to the root of their roughness.
+
+    ``found`` (m,) are the coefficients as fitted, with their ``covariance`` (m, m).
+    """
+    shape = 1.0 / np.sqrt(np.maximum(roughness / roughness.max(), 1e-8))
+
+    def surprise(scale: float) -> float:
+        whole = covariance + np.diag((scale * shape) ** 2)
+        factor = np.linalg.cholesky(whole)
+        return float(np.log(np.diag(factor)).sum() + 0.5 * np.sum(np.linalg.solve(factor, found) ** 2))
+
+    size = float(np.sqrt(np.mean(found**2))) + 1e-12
+    return shape * min(size * np.geomspace(1e-4, 1e2, 61), key=surprise)
 
 
 def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
-    """The same family with a law of so many times the resolution."""
-    axes = fitted.hypothesis.axes
+    """The same family with its whole law, of so many times the resolution."""
     frequencies = [block.scene.frequency for block in fitted.blocks]
-    finer = next((each for each in families(axes, frequencies, detail) if each.name == family.name), family)
-    if finer.size == family.size:
-        return fitted
+    curves = [each for each in fitted.hypothesis.terms if each.name in {one.name for one in family.terms}]
+    same = as_stated(fitted.hypothesis, fitted.values, curves)
+    finer = next(each for each in families(same.axes, frequencies, detail, whole=True) if each.name == family.name)
     terms, start = [], []
-    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True):
+    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(same.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)
-        moved = moved_to(term, other, own)
+        moved = moved_to(term, other, own, same.more.get(term.name, 0.0))
         terms.append(other)
         start.append(moved / np.array([each.width for each in other.unknowns]))
-    hypothesis = Hypothesis(tuple(terms), axes)
+    hypothesis = Hypothesis(tuple(terms), same.axes)
     return fit_to(data, hypothesis, np.concatenate(start), fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
 
 
@@ -366,11 +406,19 @@ def penalty(freedom: int, fitted: Fitted) -> float:
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
     """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most half of what is left.
 
-    What explains more than half of what is left is no error of another law.
+    What an equation leaves is known by the free law in whose place it stands. What explains more than half of what is
+    left is no error of another law.
     """
-    gain = max((each.gain_in(fitted) for each in steps), default=0.0)
+
+    def error(step: Step) -> float:
+        share = LAW_LEFT**2 * step.gain
+        nearest = step.named.nearest
+        if step.named.equation is not None and nearest:
+            share = min(share, max(nearest[0][1], 0.0))
+        return share * fitted.samples / step.before.samples
+
     left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
-    return min(LAW_LEFT**2 * gain, 0.5 * left)
+    return min(max(map(error, steps), default=0.0), 0.5 * left)
 
 
 def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fitted: Fitted) -> list[Score]:
@@ -409,7 +457,7 @@ def best_step(
     """
     resonant = [each for each in chosen if each.family.remembers]
     fits = followed(data, fitted, [each for each in chosen if not each.family.remembers], pool, say)
-    if resonant and not (fits and fits[0][1].per_freedom < 1.0 + LEFT):
+    if resonant and not (fits and explains_all(fits[0][1], fitted)):
         fits += followed(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]
@@ -423,6 +471,11 @@ def best_step(
 def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
     """Negative log-likelihood of a family's fit with the penalty on its parameters."""
     return other.cost + penalty(score.freedom, fitted)
+
+
+def explains_all(other: Fitted, fitted: Fitted) -> bool:
+    """Whether a fit leaves next to nothing of what another left beyond the noise."""
+    return other.per_freedom - 1.0 < LAW_LEFT * (fitted.per_freedom - 1.0)
 
 
 def followed(
@@ -450,7 +503,7 @@ def followed(
     fits.sort(key=lambda pair: penalised(*pair, fitted))
     for rank, (each, other) in enumerate(fits[:CANDIDATES]):
         # beside one that explains all, only what explains nearly as much is a rival
-        near = 0.5 if rank == 0 or fits[0][1].per_freedom > 1.0 + LEFT else LAW_LEFT
+        near = LAW_LEFT if rank > 0 and explains_all(fits[0][1], fitted) else 0.5
         if best is not None and other.cost > best + near * (fitted.cost - best):
             break
         start = other.fit.shared
