@@ -271,6 +271,8 @@ class Step:
     """Families that were fitted at the same step."""
     found: float = 0.0
     """Cost of the family's own fit at that step."""
+    pending: bool = False
+    """Whether the equations have not been tried yet."""
 
     def gain_in(self, fitted: Fitted) -> float:
         """About the gain in as many samples as another fit has."""
@@ -322,6 +324,10 @@ def forward(
     steps = list(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     while True:
+        for i, step in enumerate(steps):
+            if step.pending and fitted.per_freedom < CLOSE:
+                steps[i] = with_form(data, fitted, step, pool, say)
+                fitted = steps[i].after
         measured = {step.family.group for step in steps if step.named.equation is None}
         named = {step.family.group: step.gain_in(fitted) for step in steps if step.family.group not in measured}
         # of a mechanism that follows an equation, a free law may still correct it
@@ -389,6 +395,7 @@ def exchanged(
                 base = replace(fitted, hypothesis=rest, fit=fit)
                 found = settled(data, base, family, other, family.size, pool, say, False)
                 step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
+                step.pending = found.pending
                 return found.after
     return None
 
@@ -518,16 +525,29 @@ def followed(
 def settled(
     data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say: Say, correction: bool
 ) -> Step:
-    """A family that was chosen, with its windows joined, its noise seen anew, and the equation that its law follows."""
+    """A family that was chosen, with its windows joined, and the equation that its law follows.
+
+    Where none does, and something else is missing as well, they are tried again once the model is close.
+    """
     loose = found.weight
     found = joined(data, found, pool, THOROUGH, fitted.noise)
     if found.weight < loose:
         say(f"  joined: chi-square {found.per_freedom:.4f}")
+    named = Named(family, family.mechanism, None, [])
     gain = max(fitted.cost - found.cost, 1.0)
-    if correction:
-        named, other = Named(family, family.mechanism, None, []), found
-    else:
+    step = Step(family, gain, freedom, fitted, found, named, family.terms, [], pending=not correction)
+    return with_form(data, found, step, pool, say)
+
+
+def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Step:
+    """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for."""
+    family, gain, found = step.family, step.gain, fitted
+    if step.pending:
         named, other = name_law(data, found, family, gain, pool, say)
+    else:
+        named, other = step.named, found
+    if named.equation is None and found.per_freedom > CLOSE:
+        return replace(step, named=named, after=found)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if named.equation is None or other.cost > found.cost:
         finer = refined(data, found, family, pool)
@@ -536,7 +556,7 @@ def settled(
             named.equation, other = None, finer
             terms = tuple(each for each in finer.hypothesis.terms if each.name in {one.name for one in family.terms})
     if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
-        both, joint = corrected_equation(data, named, fitted, other, family, pool)
+        both, joint = corrected_equation(data, named, other, family, pool)
         if both.cost < other.cost - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
@@ -545,20 +565,20 @@ def settled(
         other = fit_to(data, other.hypothesis, other.fit.shared, other.fit.own, pool, other.weight, MIDDLING, noise)
     form = named.equation.name if named.equation else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
-    return Step(family, gain, freedom, fitted, other, named, terms, [])
+    return replace(step, after=other, named=named, terms=terms, pending=False)
 
 
 def corrected_equation(
-    data, named: Named, fitted: Fitted, other: Fitted, family: Family, pool: Executor
+    data, named: Named, other: Fitted, family: Family, pool: Executor
 ) -> tuple[Fitted, tuple[Term, ...]]:
     """The nearest equation with a free law of the same family on top, which sharp corners leave less to do for."""
     assert named.nearest_fit is not None
     equation, start = named.nearest_fit
+    rest, begun = without(other, family.terms)
     scaled = start / np.array([each.width for each in equation.unknowns])
-    hypothesis = Hypothesis((*fitted.hypothesis.terms, equation, *family.terms), fitted.hypothesis.axes)
     zeros = np.array([each.value / each.width for each in family.unknowns])
-    added = [each for each in other.hypothesis.terms if each not in fitted.hypothesis.terms]
-    begun = np.concatenate([without(other, added)[1], scaled, zeros])
+    hypothesis = Hypothesis((*rest.terms, equation, *family.terms), rest.axes)
+    begun = np.concatenate([begun, scaled, zeros])
     both = fit_to(data, hypothesis, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
     return both, (equation, *family.terms)
 

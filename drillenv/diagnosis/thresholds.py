@@ -18,12 +18,12 @@ left to explain. The noise's level is estimated from the same residuals, to one 
 LAW_ERROR = 0.05
 """Relative error up to which an equation is said to give a fitted law: it leaves a share LAW_ERROR^2 of its gain. The
 trial's rules ask for laws within a tenth."""
-LEFT_OF_ALL = LAW_ERROR
-"""Over-dispersion, as a share of what the paper's model leaves beyond the noise, that a law which is off in places may
-leave."""
 LAW_LEFT = 0.1
 """Relative error of a law that was found, as coarse as it is fitted: what that leaves, a share LAW_LEFT^2 of its gain,
 calls for nothing further."""
+LEFT_OF_ALL = LAW_LEFT**2
+"""Over-dispersion, as a share of what the paper's model leaves beyond the noise, that a law which is off in places may
+leave."""
 UNCONFIRMED = 0.03
 """Share of a gain that may be lost on recordings that are left out: what is there gains on them, but for chance."""
 NEAR = 0.25
