@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter, upfirdn
 
 from drillenv.checks import InputError
+from drillenv.diagnosis.coupling import ADDED
 from drillenv.diagnosis.noise import quantum
 from drillenv.recordings import Recording
 from drillenv.rig import Rig, Setting
@@ -83,8 +84,8 @@ class Conditioned:
     starts: np.ndarray
     """(windows + 1,) samples at which windows begin, and where the last one ends."""
     states: np.ndarray
-    """(windows, 4) first guess at the beginning of each window of the coupling's spring force and damper force in N, of
-    the indenter's speed in m/s and of its depth in m, negative off the rock."""
+    """(windows, 4) first guess at the beginning of each window: coordinate of the spring and force of the damper in N,
+    the indenter's speed in m/s and its depth in m, negative off the rock."""
     thinned: int = 1
     """How many samples of the logger make one of these: see :func:`thinning`."""
     quanta: tuple[float, float] = (0.0, 0.0)
@@ -335,10 +336,11 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
             f"{recording.name}: {len(starts) - 1} stretches begin off the rock: record for longer, with less pressure"
         )
     states = np.array([_state_at(int(s), touches, resting, now, rate, y, closing, noise[0]) for s in starts[:-1]])
-    states[:, 0] *= rig.stiffness
+    static = rig.static_force(setting)
+    states[:, 0] = rig.stiffness * states[:, 0] + ADDED * (states[:, 0] - static / rig.stiffness)
     states[:, 1] = rig.damping * (states[:, 1] - states[:, 2])
     if fresh:
-        states[0] = rig.static_force(setting), 0.0, 0.0, 0.0
+        states[0] = static, 0.0, 0.0, 0.0
     factor = next(each for each in (4, 2, 1) if rate / each >= ENOUGH or each == 1)
     # white noise and rounding lose as much as is averaged
     less = 1.0 / math.sqrt(factor)

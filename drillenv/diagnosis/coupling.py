@@ -1,4 +1,9 @@
-"""Forces of the coupling's spring and damper by a model's curves, and back."""
+"""Forces of the coupling's spring and damper by a model's curves, and back.
+
+The coordinate of the coupling's spring in the fit is its force, for what recordings say of a window does not change
+with the spring that is taken to have made it. A weak spring of the same stiffness in all models, relaxed at rest, is
+added, so that a coordinate tells shortenings from each other where the coupling has play.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,9 @@ from numpy.typing import NDArray
 from drillenv.diagnosis.predict import DAMPER, F_B, GRID, MARGIN, SPRING, SPRING_FROM_REST, Axes, C, K
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Model
+
+ADDED = 2e4
+"""N/m, of the spring that is added: a third of the coupling's or less."""
 
 
 def _at(axes: Axes, place: int, x: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -31,19 +39,27 @@ def slope(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
     return np.where(inside, (table[i + 1] - table[i]) / run, 0.0)
 
 
-def spring_force(y: Floats, model: Model, axes: Axes) -> Floats:
-    """Force in N of the coupling's spring at a shortening."""
-    rest = model.s[F_B] / model.s[K]
-    force = model.s[K] * y + look(model.tables[SPRING], axes, SPRING, y)
-    return force + look(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, y - rest)
+def from_rest(y: Floats, model: Model) -> Floats:
+    """Shortening in m beyond that at rest."""
+    return y - model.s[F_B] / model.s[K]
 
 
-def stiffness_at(y: Floats, model: Model, axes: Axes) -> Floats:
-    """Its derivative, not less than a tenth of k."""
-    rest = model.s[F_B] / model.s[K]
+def spring_coordinate(y: Floats, model: Model, axes: Axes) -> Floats:
+    """Force in N of the coupling's spring at a shortening, with that of the added spring."""
+    beyond = from_rest(y, model)
+    force = model.s[K] * y + ADDED * beyond + look(model.tables[SPRING], axes, SPRING, y)
+    return force + look(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, beyond)
+
+
+def spring_slope(y: Floats, model: Model, axes: Axes) -> Floats:
+    """Its derivative, not less than half of the added stiffness."""
     found = model.s[K] + slope(model.tables[SPRING], axes, SPRING, y)
-    found = found + slope(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, y - rest)
-    return np.maximum(found, 0.1 * model.s[K])
+    return np.maximum(found + slope_from_rest(y, model, axes), 0.5 * ADDED)
+
+
+def slope_from_rest(y: Floats, model: Model, axes: Axes) -> Floats:
+    """Derivative of the curve over the shortening beyond that at rest, with the added stiffness."""
+    return ADDED + slope(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, from_rest(y, model))
 
 
 def damper_force(v: Floats, model: Model, axes: Axes) -> Floats:
@@ -63,12 +79,13 @@ def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
     return at
 
 
-def shortening(force: Floats, model: Model, axes: Axes) -> Floats:
-    """y in m at forces of the spring in N."""
-    y = force / model.s[K]
+def shortening(coordinate: Floats, model: Model, axes: Axes) -> Floats:
+    """y in m at coordinates of the spring in N."""
+    y = (coordinate + ADDED * model.s[F_B] / model.s[K]) / (model.s[K] + ADDED)
     if not (np.any(model.tables[SPRING]) or np.any(model.tables[SPRING_FROM_REST])):
         return y
-    return _inverted(force, y, lambda x: spring_force(x, model, axes), lambda x: stiffness_at(x, model, axes))
+    law, derivative = (lambda x: spring_coordinate(x, model, axes)), (lambda x: spring_slope(x, model, axes))
+    return _inverted(coordinate, y, law, derivative)
 
 
 def closing_speed(force: Floats, model: Model, axes: Axes) -> Floats:

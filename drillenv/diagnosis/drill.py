@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +25,9 @@ from drillenv.diagnosis.coupling import (
     damping_at,
     look,
     shortening,
-    spring_force,
-    stiffness_at,
+    slope_from_rest,
+    spring_coordinate,
+    spring_slope,
 )
 from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
 from drillenv.diagnosis.predict import (
@@ -200,9 +201,8 @@ class Recorded:
         """Simulate all windows; ``own`` as the solver has it."""
         data, n, count = self.data, self.data.force.size * self.over, columns.kind.size
         begin = self.begun(own, model)
-        s = model.s.copy()
-        label, before = own[self.windows * self.state_count(own) :][:2]
-        s[F_B] *= 1.0 + PRESSURE_LABEL * label
+        s = self.labelled(own, model).s
+        before = own[self.windows * self.state_count(own) + 1]
         impacts = max(model.impacts * (1.0 + COUNT_LABEL * before), 0.0)
         active = np.any(model.tables != 0.0, axis=1)
         wanted = np.zeros(PLACES, dtype=bool)
@@ -226,8 +226,15 @@ class Recorded:
             ends = begin
         return Raw(said, path_, by_state, by_column, ends, ends_by_state, ends_by_column, end >= 0.0)
 
+    def labelled(self, own: Floats, model: Model) -> Model:
+        """A model with the pressure as the recording has it."""
+        s = model.s.copy()
+        s[F_B] *= 1.0 + PRESSURE_LABEL * own[self.windows * self.state_count(own)]
+        return replace(model, s=s)
+
     def begun(self, own: Floats, model: Model) -> Floats:
         """(windows, 7) states at the beginning of the windows."""
+        model = self.labelled(own, model)
         kept = self.state_count(own)
         begin = np.zeros((self.windows, STATES))
         begin[:, :kept] = self.states_of(own) * STATE_WIDTHS[:kept]
@@ -240,9 +247,11 @@ class Recorded:
         """(windows, kept, kept) and (windows, columns, kept): derivatives of the states that windows begin with."""
         kept, axes = self.state_count(own), self.hypothesis.axes
         begin = self.begun(own, model)
+        model = self.labelled(own, model)
         y, closing = begin[:, Y], begin[:, V1] - begin[:, V2]
         rest = model.s[F_B] / model.s[K]
-        stiff, damped = stiffness_at(y, model, axes), damping_at(closing, model, axes)
+        stiff, damped = spring_slope(y, model, axes), damping_at(closing, model, axes)
+        beyond_rest = slope_from_rest(y, model, axes)
         by_own = np.zeros((self.windows, kept, kept))
         for i in range(V2, kept):
             by_own[:, i, i] = 0.0 if i in absent(model) else STATE_WIDTHS[i]
@@ -253,7 +262,9 @@ class Recorded:
         for j, kind in enumerate(columns.kind):
             place = columns.place[j]
             if kind == K:
-                by_column[:, j, Y] = -y / stiff
+                by_column[:, j, Y] = -(y + beyond_rest * rest / model.s[K]) / stiff
+            elif kind == F_B:
+                by_column[:, j, Y] = beyond_rest / model.s[K] / stiff
             elif kind == C:
                 by_column[:, j, V1] = -closing / damped
             elif kind == CURVE and place in (SPRING, SPRING_FROM_REST):
@@ -354,7 +365,7 @@ class Recorded:
         raw = self.integrate(model, own, no_columns(), 0)
         states = self.states_of(own)
         behind = own[states.size :]
-        ends = self.owned(raw.ends, model, kept)
+        ends = self.owned(raw.ends, self.labelled(own, model), kept)
         guess = states.copy()
         guess[:, 2:4] = self.data.states[:, 2:4] / STATE_WIDTHS[2:4]
         first = guess.copy()
@@ -372,9 +383,9 @@ class Recorded:
         return at if self.cost(shared, at) < self.cost(shared, own) else own
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
-        """(windows, kept) own unknowns of states (windows, 7)."""
+        """(windows, kept) own unknowns of states (windows, 7); the model has the recording's pressure."""
         found = states.copy()
-        found[:, Y] = spring_force(states[:, Y], model, self.hypothesis.axes)
+        found[:, Y] = spring_coordinate(states[:, Y], model, self.hypothesis.axes)
         found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.hypothesis.axes)
         return found[:, :kept] / STATE_WIDTHS[:kept]
 
@@ -383,7 +394,7 @@ class Recorded:
         values, kept = shared * self.widths, self.state_count(own)
         model = self.hypothesis.model(values, self.scene)
         begin = self.integrate(model, own, no_columns(), 0, chained=True).ends
-        return np.append(self.owned(begin, model, kept).ravel(), own[self.windows * kept :])
+        return np.append(self.owned(begin, self.labelled(own, model), kept).ravel(), own[self.windows * kept :])
 
     def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after Levenberg-Marquardt steps of their own."""

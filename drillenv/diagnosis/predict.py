@@ -76,6 +76,8 @@ LARGEST_LOG = 5.0
 CURVE, ON_SHAKER, ON_INDENTER, MODULATION = -1, -2, -3, -4
 
 FLIGHT, ON_LOADING, ON_UNLOADING = 0, 1, 2
+SAID = 14
+"""Numbers that :func:`_rates` says of a state beside its rates."""
 MOST_PARTS = 400
 """Of one step; more is a motion that sticks at a switch."""
 STIFF, FINEST_PART = 0.5, 32.0
@@ -154,7 +156,8 @@ def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
     """Time derivatives f of the states z; into d what they are linear in. Returns the rock's force.
 
     d: 0 dR/dw, 1 dR/dv2, 2 dF_c/dy, 3 dF_c/dv1, 4 friction slope of the shaker, 5 of the indenter, 6 kappa,
-    7 dkappa/dw, 8 stiffness factor, 9 rate factor, 10 slope of the drive's curve, 11 waveform, 12 its slope.
+    7 dkappa/dw, 8 stiffness factor, 9 rate factor, 10 slope of the drive's curve, 11 waveform, 12 its slope, 13 slope
+    of the curve over the shortening beyond that at rest.
     """
     into, closing = z[V2] - z[UD], z[V1] - z[V2]
     rock, rock_w, rock_v, kappa, kappa_w, factor, rate = 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0
@@ -184,15 +187,15 @@ def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
         if regime == ON_UNLOADING:
             kappa *= s[RATIO]
             kappa_w *= s[RATIO]
-    coupling, stiff, damped = s[K] * z[Y] + s[C] * closing, s[K], s[C]
+    coupling, stiff, damped, from_rest = s[K] * z[Y] + s[C] * closing, s[K], s[C], 0.0
     if active[SPRING]:
         more, slope = _look(tables, axes, SPRING, z[Y])
         coupling += more
         stiff += slope
     if active[SPRING_FROM_REST]:
-        more, slope = _look(tables, axes, SPRING_FROM_REST, z[Y] - s[F_B] / s[K])
+        more, from_rest = _look(tables, axes, SPRING_FROM_REST, z[Y] - s[F_B] / s[K])
         coupling += more
-        stiff += slope
+        stiff += from_rest
     if active[DAMPER]:
         more, slope = _look(tables, axes, DAMPER, closing)
         coupling += more
@@ -226,7 +229,7 @@ def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
     f[UD] = s[MOUNT_GAIN] * rock - s[MOUNT_SQUARE] * z[U] - s[MOUNT_DAMPING] * z[UD]
     f[Q] = s[AIR_STIFFNESS] * z[V1] - s[AIR_RATE] * z[Q]
     d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7] = rock_w, rock_v, stiff, damped, held1_v, held2_v, kappa, kappa_w
-    d[8], d[9], d[10], d[11], d[12] = factor, rate, bent, shape, shape_v
+    d[8], d[9], d[10], d[11], d[12], d[13] = factor, rate, bent, shape, shape_v, from_rest
     return rock
 
 
@@ -258,11 +261,13 @@ def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, sc
     scalar_rock[:] = 0.0
     scalar[M1, V1] = -f[V1] / m1
     scalar[M2, V2] = -f[V2] / m2
-    scalar[K, V1], scalar[K, V2] = -z[Y] / m1, z[Y] / m2
+    # with k and F_b the shortening at rest changes, and with it the curve beyond it
+    by_k, by_push = z[Y] + d[13] * s[F_B] / s[K] ** 2, -d[13] / s[K]
+    scalar[K, V1], scalar[K, V2] = -by_k / m1, by_k / m2
     scalar[C, V1], scalar[C, V2] = -closing / m1, closing / m2
     scalar[F_A, V2] = d[11] * d[10] / m2
     scalar[PHASE, V2] = s[F_A] * d[12] * d[10] / m2
-    scalar[F_B, V1] = 1.0 / m1
+    scalar[F_B, V1], scalar[F_B, V2] = (1.0 - by_push) / m1, by_push / m2
     if touching:
         scalar_rock[K_L] = d[8] * d[9] * z[W]
     if regime == ON_UNLOADING:
@@ -577,8 +582,8 @@ def run(starts, begin, chained, rate, stride, omega, phase, impacts, s, tables, 
     count = columns.kind.size
     sensitive = states + count > 0
     z, ahead, middle, f, f1 = np.empty(7), np.empty(7), np.empty(7), np.empty(7), np.empty(7)
-    work, jac, phi = np.empty((6, 13)), np.empty((6, 7, 7)), np.empty((7, 7))
-    d, d1, halfway, row = np.empty(13), np.empty(13), np.empty(13), np.empty(7)
+    work, jac, phi = np.empty((6, SAID)), np.empty((6, 7, 7)), np.empty((7, 7))
+    d, d1, halfway, row = np.empty(SAID), np.empty(SAID), np.empty(SAID), np.empty(7)
     sens = np.zeros((states + count, 7))
     scalar, scalar_rock = np.zeros((SCALARS, 7)), np.zeros(SCALARS)
     curve, curve_rock, at = np.zeros((PLACES, 7)), np.zeros(PLACES), np.zeros(PLACES)

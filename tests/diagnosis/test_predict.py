@@ -187,3 +187,16 @@ def test_a_motion_that_leaves_all_bounds_says_so(bench):
     s = bench.s.copy()
     s[P.C] = -1e5
     assert bench.run(s=s)[0] < 0.0
+
+
+@pytest.mark.parametrize("kind", [P.K, P.F_B])
+def test_with_the_shortening_at_rest_its_curve_moves(bench, kind):
+    tables = np.zeros((P.PLACES, P.GRID))
+    tables[P.SPRING_FROM_REST] = 40.0 * np.sin(np.linspace(-3.0, 3.0, P.GRID))
+    _, _, _, by_column, *_ = bench.run(tables=tables, columns=bench.columns([kind]))
+    step = 1e-6 * abs(bench.s[kind])
+    ahead, behind = bench.s.copy(), bench.s.copy()
+    ahead[kind] += step
+    behind[kind] -= step
+    difference = (bench.run(s=ahead, tables=tables)[1] - bench.run(s=behind, tables=tables)[1]) / (2.0 * step)
+    assert apart(bench, by_column[:, 0], difference) < 0.01

@@ -1,0 +1,53 @@
+"""A recording as a block of the solver: its derivatives where the coupling has a law of its own."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drillenv import Rig
+from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.drill import first_states, no_columns
+from drillenv.diagnosis.laws import axes_of, families
+from drillenv.diagnosis.predict import F_A, F_B, K
+from drillenv.diagnosis.terms import Hypothesis
+from tests.diagnosis.test_diagnose import campaign_with, nominal_block
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """A recording with the paper's model, joined, and where its windows begin."""
+    campaign = campaign_with()
+    block = replace(nominal_block(campaign, condition(campaign.recordings[0], Rig())), weight=1.0)
+    shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
+    return block, shared, block.settled(shared, block.chained(shared, first_states(block.data)))
+
+
+@pytest.mark.parametrize("group", ["spring", "backlash", "damper"])
+def test_derivatives_beside_a_law_of_the_coupling(plain, group):
+    block, shared, own = plain
+    model = block.hypothesis.model(shared * block.widths, block.scene)
+    path = block.integrate(model, own, no_columns(), 0, path=True).path[:, : block.inside.stop // block.stride]
+    axes = axes_of([path[:, block.inside.start // block.stride :]], model.s[F_A], [model.s[F_B] / model.s[K]])
+    law = next(each for each in families(axes, [60.0, 90.0, 120.0]) if each.group == group)
+    block = replace(block, hypothesis=Hypothesis((*block.hypothesis.terms, *law.terms), axes))
+    shared = np.append(shared, np.linspace(1.0, -1.0, law.size))
+    own = block.settled(shared, own, 4)
+    found = block.quadratic(shared, own)
+
+    def close(gradient, curvature, difference):
+        # a gradient is a column times the residuals; columns are right to a hundredth
+        return abs(gradient - difference) < 0.01 * math.sqrt(curvature * 2.0 * found.cost)
+
+    for i in range(shared.size):
+        step = np.zeros(shared.size)
+        step[i] = 1e-3
+        difference = (block.cost(shared + step, own) - block.cost(shared - step, own)) / 2e-3
+        assert close(found.by_shared[i], found.shared[i, i], difference), block.hypothesis.unknowns[i].name
+    label = block.windows * block.state_count(own)
+    for i in (0, 1, 4, 5, label):
+        step = np.zeros(own.size)
+        step[i] = 1e-4
+        difference = (block.cost(shared, own + step) - block.cost(shared, own - step)) / 2e-4
+        assert close(found.by_own[i], found.own[i, i], difference), i
