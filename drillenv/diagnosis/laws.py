@@ -401,6 +401,8 @@ class Same(NamedTuple):
     """Parameters, with the constants as stated."""
     more: dict[str, Floats]
     """(GRID,) that the tables of curves get, by the curve's name."""
+    moved: dict[int, float]
+    """m by which the argument of a spring's curve moves, by place."""
 
 
 STRAIGHT = {predict.SPRING: "stiffness", predict.SPRING_FROM_REST: "stiffness", predict.DAMPER: "damping"}
@@ -415,20 +417,21 @@ def as_stated(hypothesis: Hypothesis, values: Floats, terms: Sequence[Term]) -> 
     """
     constants = hypothesis.terms[0]
     names = [each.name for each in constants.unknowns]
-    values, more, low = values.copy(), {}, hypothesis.axes.low.copy()
+    values, more, moved, low = values.copy(), {}, {}, hypothesis.axes.low.copy()
     for term, own in zip(hypothesis.terms, hypothesis.split(values), strict=True):
         if term in terms and isinstance(term, Curve) and term.place in STRAIGHT:
             i = names.index(STRAIGHT[term.place])
             stated = constants.unknowns[i].value
             x = hypothesis.axes.points(term.place)
             whole = own @ term.basis + (values[i] - stated) * x
-            if term.place == predict.SPRING:
+            if term.place in SPRINGS:
                 # the axis is even over a spring's range
-                low[term.place] += whole.mean() / stated / hypothesis.axes.scale[term.place]
+                moved[term.place] = float(whole.mean() / stated)
+                low[term.place] += moved[term.place] / hypothesis.axes.scale[term.place]
             level = 0.0 if term.place == predict.DAMPER else whole.mean()
             more[term.name] = whole - level - own @ term.basis
             values[i] = stated
-    return Same(hypothesis.axes._replace(low=low), values, more)
+    return Same(hypothesis.axes._replace(low=low), values, more, moved)
 
 
 def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0) -> Floats:

@@ -190,7 +190,10 @@ def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
     """The same family with its whole law, of twice the resolution, and of more as long as that is seen in the fit."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
-    fitted = with_detail(data, fitted, family, 1, pool)
+    coarse, fitted = fitted, with_detail(data, fitted, family, 1, pool)
+    if fitted.cost > coarse.cost:
+        # far from what is stated a fit need not find its way back
+        return coarse
     for detail in DETAILS:
         finer = with_detail(data, fitted, family, detail, pool)
         more = finer.fit.shared.size - fitted.fit.shared.size
@@ -251,8 +254,13 @@ def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executo
         moved = moved_to(term, other, own, same.more.get(term.name, 0.0))
         terms.append(other)
         start.append(moved / np.array([each.width for each in other.unknowns]))
-    hypothesis = Hypothesis(tuple(terms), same.axes)
-    return fit_to(data, hypothesis, np.concatenate(start), fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
+    hypothesis, begun = Hypothesis(tuple(terms), same.axes), []
+    values = np.concatenate(start) * np.array([each.width for each in hypothesis.unknowns])
+    for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
+        model = fitted.hypothesis.model(fitted.values, block.scene)
+        said, other = hypothesis.model(values, block.scene), replace(block, hypothesis=hypothesis)
+        begun.append(block.in_words_of(other, model, said, own, same.moved))
+    return fit_to(data, hypothesis, np.concatenate(start), begun, pool, fitted.weight, THOROUGH, fitted.noise)
 
 
 @dataclass
