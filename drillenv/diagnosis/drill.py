@@ -389,10 +389,8 @@ class Recorded:
         found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.hypothesis.axes)
         return found[:, :kept] / STATE_WIDTHS[:kept]
 
-    def in_words_of(
-        self, other: Recorded, model: Model, said: Model, own: Floats, moved: Mapping[int, float]
-    ) -> Floats:
-        """Own unknowns of another block's model ``said`` with which it moves as this one's ``model`` with ``own``.
+    def converted(self, other: Recorded, model: Model, said: Model, own: Floats, moved: Mapping[int, float]) -> Floats:
+        """Own unknowns with which another block's model ``said`` moves as this one's ``model`` with ``own``.
 
         ``moved`` is by how many metres the argument of a spring's curve is another, by its place.
         """

@@ -284,31 +284,22 @@ class Family:
         return any(term.remembers for term in self.terms)
 
 
-def families(axes: Axes, frequencies: Sequence[float], detail: int = 1, whole: bool = False) -> list[Family]:
-    """Every family with a free law, at zero; ``detail`` times as many spline intervals.
+@dataclass(frozen=True)
+class Free:
+    """How fine free laws are, and whether what constants can take up is projected out of them."""
 
-    What constants of the paper's model can take up is left to them, as no sign that anything is missing; of a law that
-    is known to be there the ``whole`` is free, and what is straight in it is its own or the constants' as their priors
-    have it.
-    """
+    axes: Axes
+    detail: int = 1
+    projected: bool = True
 
-    def splines(count: int, place: int | None = None) -> Floats:
-        at = None
-        if place is not None:
-            # the axis is finer near nothing than a free law needs to be
-            x = axes.points(place)
-            at = np.arcsinh(4.0 * x / x[-1])
-        return bsplines((count - 3) * detail + 3, at)
-
-    distinct = np.unique(np.round(frequencies, 1)).size
-    knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
-    decay = splines(6)[:5]
-
-    def curve(name: str, width: float, place: int, basis: Floats, *known: Callable[[Floats], Floats]) -> Term:
-        x = axes.points(place)
-        if whole and place in (predict.DAMPER, predict.DRIVE):
+    def curve(
+        self, name: str, width: float, place: int, basis: Floats, known: Sequence[Callable[[Floats], Floats]] = ()
+    ) -> Term:
+        """A law of basis functions (m, GRID), of which ``known`` functions of the argument are the constants'."""
+        x = self.axes.points(place)
+        if not self.projected and place in (predict.DAMPER, predict.DRIVE):
             free = _through_zero(basis)
-        elif whole:
+        elif not self.projected:
             # where a spring is at rest, no recording says
             free = normalised(basis, [np.ones_like(x)] if place in SPRINGS else [])
         else:
@@ -316,85 +307,110 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1, whole: b
         free = smoothest_first(free)
         return Curve(name, _named(name, len(free), width), place, free)
 
-    def over_speed(count: int) -> Floats:
-        x = axes.points(predict.DAMPER)
-        return bsplines((count - 3) * detail + 3, np.arcsinh(SLOW * x / x[-1]))
+    def splines(self, count: int, at: Floats | None = None) -> Floats:
+        """B-splines, so many at the lowest resolution, even in ``at`` (GRID,)."""
+        return bsplines((count - 3) * self.detail + 3, at)
 
-    def friction(place: int) -> Floats:
-        x = axes.points(place)[(GRID - 1) // 2 :]
-        return odd(bsplines(3 * detail + 3, np.arcsinh(SLOW * x / x[-1])))[1:]
+    def over_depth(self, place: int) -> Floats:
+        """The axis is finer near nothing than a free law needs to be."""
+        x = self.axes.points(place)
+        return self.splines(7, np.arcsinh(4.0 * x / x[-1]))
 
-    made = [
-        Family(
-            "contact-law",
-            "contact-law",
-            (
-                curve("loading", 0.05, predict.LOADING, splines(7, predict.LOADING), np.ones_like),
-                curve("unloading", 0.05, predict.UNLOADING, splines(7, predict.UNLOADING), np.ones_like),
-            ),
-            "contact-power-law",
-        ),
-        Family(
-            "contact-rate",
-            "contact-rate",
-            (
-                curve("rate-factor", 0.05, predict.RATE_FACTOR, _through_zero(splines(7))),
-                curve("rate-force", 20.0, predict.RATE_FORCE, _through_zero(splines(7))),
-            ),
-        ),
-        Family("rock-compaction", "rock-compaction", (curve("compaction", 0.1, predict.COMPACTION, decay),)),
-        Family(
-            "spring",
-            "spring",
-            (curve("spring", 10.0, predict.SPRING, splines(8), np.ones_like, _itself),),
-            "stiffness-hardening",
-        ),
-        Family(
-            "backlash",
-            "backlash",
-            (curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, splines(12), np.ones_like, _itself),),
-        ),
-        Family(
-            "damper",
-            "damper",
-            (curve("damper", 10.0, predict.DAMPER, over_speed(9), np.ones_like, _itself),),
-            "damping-quadratic",
-        ),
-        Family("guide-friction", "guide-friction", (curve("guide", 10.0, predict.GUIDE, friction(predict.GUIDE)),)),
-        Family(
-            "indenter-friction",
-            "indenter-friction",
-            (curve("indenter", 10.0, predict.INDENTER, friction(predict.INDENTER)),),
-        ),
-        Family(
-            "drive-harmonics",
-            "drive-harmonics",
-            (curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * detail + 2))),),
-        ),
-        Family("force-limit", "force-limit", (curve("drive", 10.0, predict.DRIVE, splines(9), np.ones_like, _itself),)),
-        Family(
-            "drive-droop",
-            "drive-droop",
-            (
-                Gain("gain", _named("gain", knots.size, 0.05), predict.F_A, knots),
-                Gain("phase", _named("phase", knots.size, 0.05), predict.PHASE, knots),
-            ),
-        ),
+    def over_speed(self, count: int, place: int) -> Floats:
+        """Finer at low speeds."""
+        x = self.axes.points(place)
+        return self.splines(count, np.arcsinh(SLOW * x / x[-1]))
+
+    def odd_over_speed(self, place: int) -> Floats:
+        """Friction: odd, and finer at low speeds."""
+        x = self.axes.points(place)[(GRID - 1) // 2 :]
+        return odd(bsplines(3 * self.detail + 3, np.arcsinh(SLOW * x / x[-1])))[1:]
+
+
+def families(axes: Axes, frequencies: Sequence[float], detail: int = 1, projected: bool = True) -> list[Family]:
+    """Every family with a free law, at zero; ``detail`` times as many spline intervals.
+
+    What constants of the paper's model can take up is ``projected`` out, for it is no sign that anything is missing. Of
+    a law that is known to be there it is not: the priors say which share of a spring is straight.
+    """
+    free = Free(axes, detail, projected)
+    return [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies), *_remembering()]
+
+
+def _contact(free: Free) -> list[Family]:
+    level, rates = (np.ones_like,), _through_zero(free.splines(7))
+    law = (
+        free.curve("loading", 0.05, predict.LOADING, free.over_depth(predict.LOADING), level),
+        free.curve("unloading", 0.05, predict.UNLOADING, free.over_depth(predict.UNLOADING), level),
+    )
+    rate = (
+        free.curve("rate-factor", 0.05, predict.RATE_FACTOR, rates),
+        free.curve("rate-force", 20.0, predict.RATE_FORCE, rates),
+    )
+    # a face that has been hit for long changes no more
+    compaction = free.curve("compaction", 0.1, predict.COMPACTION, free.splines(6)[:5])
+    return [
+        Family("contact-law", "contact-law", law, "contact-power-law"),
+        Family("contact-rate", "contact-rate", rate),
+        Family("rock-compaction", "rock-compaction", (compaction,)),
     ]
+
+
+def _coupling(free: Free) -> list[Family]:
+    straight = (np.ones_like, _itself)
+    spring = free.curve("spring", 10.0, predict.SPRING, free.splines(8), straight)
+    play = free.curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, free.splines(12), straight)
+    damper = free.curve("damper", 10.0, predict.DAMPER, free.over_speed(9, predict.DAMPER), straight)
+    return [
+        Family("spring", "spring", (spring,), "stiffness-hardening"),
+        Family("backlash", "backlash", (play,)),
+        Family("damper", "damper", (damper,), "damping-quadratic"),
+    ]
+
+
+def _friction(free: Free) -> list[Family]:
+    guide = free.curve("guide", 10.0, predict.GUIDE, free.odd_over_speed(predict.GUIDE))
+    indenter = free.curve("indenter", 10.0, predict.INDENTER, free.odd_over_speed(predict.INDENTER))
+    return [
+        Family("guide-friction", "guide-friction", (guide,)),
+        Family("indenter-friction", "indenter-friction", (indenter,)),
+    ]
+
+
+def _drive(free: Free, frequencies: Sequence[float]) -> list[Family]:
+    # a parabola, or what fewer frequencies can tell
+    distinct = np.unique(np.round(frequencies, 1)).size
+    knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
+    waveform = free.curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * free.detail + 2)))
+    limit = free.curve("drive", 10.0, predict.DRIVE, free.splines(9), (np.ones_like, _itself))
+    droop = (
+        Gain("gain", _named("gain", knots.size, 0.05), predict.F_A, knots),
+        Gain("phase", _named("phase", knots.size, 0.05), predict.PHASE, knots),
+    )
+    return [
+        Family("drive-harmonics", "drive-harmonics", (waveform,)),
+        Family("force-limit", "force-limit", (limit,)),
+        Family("drive-droop", "drive-droop", droop),
+    ]
+
+
+def _remembering() -> list[Family]:
+    """Families with states of their own, at several time constants and frequencies."""
+    found = []
     for tau in (0.06, 0.4):
-        made.append(Family(f"air-spring {tau:g} s", "air-spring", (Air("air", _named("air", 1, 1e4), tau),)))
+        found.append(Family(f"air-spring {tau:g} s", "air-spring", (Air("air", _named("air", 1, 1e4), tau),)))
     for f in (60.0, 150.0, 380.0):
         mode = Mount("mount", _named("mount", 1, 0.01), f)
-        made.append(Family(f"rock-mount-compliance {f:g} Hz", "rock-mount-compliance", (mode,)))
-    return made
+        found.append(Family(f"rock-mount-compliance {f:g} Hz", "rock-mount-compliance", (mode,)))
+    return found
 
 
 def _itself(x: Floats) -> Floats:
     return x
 
 
-class Same(NamedTuple):
-    """A model that moves the same, in other words: what is straight in a law is the law's, and not a constant's."""
+class Equivalent(NamedTuple):
+    """Parameters of the same motion, with what is straight in a law as a part of the law and not of a constant."""
 
     axes: Axes
     values: Floats
@@ -409,7 +425,7 @@ STRAIGHT = {predict.SPRING: "stiffness", predict.SPRING_FROM_REST: "stiffness", 
 """Constants whose law is a straight one at the same place."""
 
 
-def as_stated(hypothesis: Hypothesis, values: Floats, terms: Sequence[Term]) -> Same:
+def as_stated(hypothesis: Hypothesis, values: Floats, terms: Sequence[Term]) -> Equivalent:
     """The same with constants as stated, whose places have one of these curves.
 
     Recordings say what spring and damper do, and not which share of it is straight; that is for the priors to say.
@@ -431,7 +447,7 @@ def as_stated(hypothesis: Hypothesis, values: Floats, terms: Sequence[Term]) -> 
             level = 0.0 if term.place == predict.DAMPER else whole.mean()
             more[term.name] = whole - level - own @ term.basis
             values[i] = stated
-    return Same(hypothesis.axes._replace(low=low), values, more, moved)
+    return Equivalent(hypothesis.axes._replace(low=low), values, more, moved)
 
 
 def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0) -> Floats:

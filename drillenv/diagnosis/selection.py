@@ -187,7 +187,7 @@ def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> list[Family
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same family with its whole law, of twice the resolution, and of more as long as that is seen in the fit."""
+    """The same family, nothing projected out, of twice the resolution, and of more as long as that is seen."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
     coarse, fitted = fitted, with_detail(data, fitted, family, 1, pool)
@@ -243,11 +243,11 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
 
 
 def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
-    """The same family with its whole law, of so many times the resolution."""
+    """The same family, nothing projected out, of so many times the resolution."""
     frequencies = [block.scene.frequency for block in fitted.blocks]
     curves = [each for each in fitted.hypothesis.terms if each.name in {one.name for one in family.terms}]
     same = as_stated(fitted.hypothesis, fitted.values, curves)
-    finer = next(each for each in families(same.axes, frequencies, detail, whole=True) if each.name == family.name)
+    finer = next(each for each in families(same.axes, frequencies, detail, projected=False) if each.name == family.name)
     terms, start = [], []
     for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(same.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)
@@ -259,7 +259,7 @@ def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executo
     for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
         model = fitted.hypothesis.model(fitted.values, block.scene)
         said, other = hypothesis.model(values, block.scene), replace(block, hypothesis=hypothesis)
-        begun.append(block.in_words_of(other, model, said, own, same.moved))
+        begun.append(block.converted(other, model, said, own, same.moved))
     return fit_to(data, hypothesis, np.concatenate(start), begun, pool, fitted.weight, THOROUGH, fitted.noise)
 
 

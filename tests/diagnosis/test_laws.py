@@ -34,16 +34,16 @@ def curve(group, axes=AXES, **more) -> Curve:
 
 
 @pytest.mark.parametrize("group", ["spring", "damper", "contact-law", "force-limit", "guide-friction"])
-@pytest.mark.parametrize("whole", [False, True])
-def test_functions_of_a_law_are_orthogonal_and_rise_in_roughness(group, whole):
-    term = curve(group, whole=whole)
+@pytest.mark.parametrize("projected", [True, False])
+def test_functions_of_a_law_are_orthogonal_and_rise_in_roughness(group, projected):
+    term = curve(group, projected=projected)
     products = term.basis @ term.basis.T / predict.GRID
     assert np.allclose(products, np.eye(len(term.basis)), atol=1e-6)
     assert np.all(np.diff(term.roughness) > -1e-12)
 
 
 def test_noise_alone_is_smoothed_away_and_a_smooth_law_is_kept():
-    rng, term = np.random.default_rng(3), curve("spring", whole=True, detail=2)
+    rng, term = np.random.default_rng(3), curve("spring", projected=False, detail=2)
     covariance = 4.0 * np.eye(len(term.basis))
     prior = most_likely_prior(rng.normal(0.0, 2.0, len(term.basis)), covariance, term.roughness)
     # all but the smoothest, which is nearly straight
@@ -71,7 +71,7 @@ def test_a_constant_and_what_is_straight_in_its_law_are_the_same(group, constant
     values[constant] *= 1.1
     same = as_stated(hypothesis, values, [term])
     assert same.values[constant] == VALUES[constant]
-    other = curve(group, same.axes, whole=True)
+    other = curve(group, same.axes, projected=False)
     moved = moved_to(term, other, own, same.more[term.name])
     before = values[constant] * AXES.points(term.place) + own @ term.basis
     after = VALUES[constant] * same.axes.points(term.place) + moved @ other.basis
