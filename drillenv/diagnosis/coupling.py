@@ -73,9 +73,20 @@ def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
 
 
 def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
-    """Argument of a rising law at forces, by Newton's method from ``at``."""
-    for _ in range(12):
-        at = at - (law(at) - force) / derivative(at)
+    """Argument of a rising law at forces in N, by Newton's method from ``at``, and by bisection where it fails.
+
+    The slope of a law with play changes by several times at the ends of it, between which Newton's method may go to
+    and fro.
+    """
+    low, high = np.full(at.shape, -np.inf), np.full(at.shape, np.inf)
+    for _ in range(40):
+        off = law(at) - force
+        if np.max(np.abs(off), initial=0.0) < 1e-8:
+            break
+        low, high = np.where(off < 0.0, at, low), np.where(off > 0.0, at, high)
+        step = at - off / derivative(at)
+        outside = np.isfinite(low) & np.isfinite(high) & ((step <= low) | (step >= high))
+        at = np.where(outside, 0.5 * (np.where(outside, low, 0.0) + np.where(outside, high, 0.0)), step)
     return at
 
 

@@ -8,9 +8,10 @@ import pytest
 
 from drillenv import Rig
 from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.coupling import shortening, spring_coordinate
 from drillenv.diagnosis.drill import first_states, no_columns
 from drillenv.diagnosis.laws import as_stated, axes_of, families, moved_to
-from drillenv.diagnosis.predict import F_A, F_B, K
+from drillenv.diagnosis.predict import F_A, F_B, GRID, PLACES, SPRING_FROM_REST, Axes, K, Y
 from drillenv.diagnosis.terms import Hypothesis
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
 
@@ -31,7 +32,10 @@ def with_law(plain, group):
     block, shared, own = plain
     model = block.hypothesis.model(shared * block.widths, block.scene)
     path = block.integrate(model, own, no_columns(), 0, path=True).path[:, : block.inside.stop // block.stride]
-    axes = axes_of([path[:, block.inside.start // block.stride :]], model.s[F_A], [model.s[F_B] / model.s[K]])
+    path = path[:, block.inside.start // block.stride :].copy()
+    # room for what a law does to the shortening
+    path[Y] += 3.0 * (path[Y] - path[Y].mean())
+    axes = axes_of([path], model.s[F_A], [model.s[F_B] / model.s[K]])
     law = next(each for each in families(axes, FREQUENCIES) if each.group == group)
     block = replace(block, hypothesis=Hypothesis((*block.hypothesis.terms, *law.terms), axes))
     shared = np.concatenate([shared, [1.0, -0.5], np.zeros(law.size - 2)])
@@ -41,9 +45,9 @@ def with_law(plain, group):
 @pytest.mark.parametrize("group", ["spring", "backlash"])
 def test_a_law_with_what_is_straight_in_it_moves_the_same(plain, group):
     """A stiffness that is a few hundredths off, and what it is off in the law instead."""
-    block, shared, own = with_law(plain, group)
+    block, shared, _ = with_law(plain, group)
     shared[2] *= 1.03
-    own = block.settled(shared, own, 2)
+    own = plain[2]
     values = shared * block.widths
     term = block.hypothesis.terms[-1]
     same = as_stated(block.hypothesis, values, [term])
@@ -57,7 +61,6 @@ def test_a_law_with_what_is_straight_in_it_moves_the_same(plain, group):
     one, two = (each.integrate(m, x, no_columns(), 0).said[:, block.inside] for each, m, x in (
         (block, model, own), (other, said, begun)
     ))  # fmt: skip
-    # a table's ends go on straight, and not in the same way in both
     assert np.sqrt(np.mean((one - two) ** 2)) < 1e-3 * np.sqrt(np.mean(one**2))
 
 
@@ -81,3 +84,16 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group):
         step[i] = 1e-4
         difference = (block.cost(shared, own + step) - block.cost(shared, own - step)) / 2e-4
         assert close(found.by_own[i], found.own[i, i], difference), i
+
+
+def test_the_shortening_is_found_where_the_coupling_has_play(plain):
+    """Stiffness, and nothing at all within the play: Newton's method alone goes to and fro."""
+    block, shared, _ = plain
+    model = block.hypothesis.model(shared * block.widths, block.scene)
+    scale = np.full(PLACES, 1.0)
+    axes = Axes(scale, np.full(PLACES, np.arcsinh(-3e-3)), np.full(PLACES, 2.0 * np.arcsinh(3e-3) / (GRID - 1)))
+    x = axes.points(SPRING_FROM_REST)
+    model.tables[SPRING_FROM_REST] = -model.s[K] * np.clip(x, -4e-4, 4e-4)
+    y = np.linspace(-1e-3, 5e-3, 400)
+    found = shortening(spring_coordinate(y, model, axes), model, axes)
+    assert np.max(np.abs(found - y)) < 1e-9
