@@ -22,7 +22,17 @@ from drillenv.diagnosis.sinusoids import KINDS, Kind, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
 from drillenv.diagnosis.terms import Hypothesis, Term
-from drillenv.diagnosis.thresholds import CLOSE, FAINT, FALSE_ALARMS, LAW_LEFT, LEFT, NEAR, POSSIBLE, UNCONFIRMED
+from drillenv.diagnosis.thresholds import (
+    CLOSE,
+    FAINT,
+    FALSE_ALARMS,
+    LAW_ERROR,
+    LAW_LEFT,
+    LEFT,
+    NEAR,
+    POSSIBLE,
+    UNCONFIRMED,
+)
 
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
@@ -352,7 +362,7 @@ def forward(
         scores, level = score_tests(fitted, tried, pool)
         level = level if earlier is None else min(level, earlier.level)
         # beside a law that is itself not exact, chance is not all that a gain has to exceed
-        least = errors_of_laws(fitted, steps)
+        least = errors_of_laws(fitted, steps, scores)
         best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
         say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
         needed = [
@@ -367,7 +377,7 @@ def forward(
             fitted = other
             continue
         if step is None:
-            return (*backward(data, fitted, steps, level, pool, say), Tested(scores, level))
+            return (*backward(data, fitted, steps, Tested(scores, level), pool, say), Tested(scores, level))
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
         if corrected is None:
             steps.append(step)
@@ -418,19 +428,19 @@ def penalty(freedom: int, fitted: Fitted) -> float:
     return 0.5 * freedom * float(np.log(fitted.samples))
 
 
-def errors_of_laws(fitted: Fitted, steps: Sequence[Step]) -> float:
+def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
     """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most half of what is left.
 
-    What an equation leaves is known by the free law in whose place it stands. What explains more than half of what is
-    left is no error of another law.
+    What an equation leaves is what a free correction of the same mechanism gains: another that gains less takes up a
+    part of it. What explains more than half of what is left is no error of another law.
     """
 
     def error(step: Step) -> float:
-        share = LAW_LEFT**2 * step.gain
-        nearest = step.named.nearest
-        if step.named.equation is not None and nearest:
-            share = min(share, max(nearest[0][1], 0.0))
-        return share * fitted.samples / step.before.samples
+        gain = step.gain_in(fitted)
+        if step.named.equation is None:
+            return LAW_LEFT**2 * gain
+        own = [each.gain for each in scores if each.family.group == step.family.group]
+        return min(LAW_LEFT**2 * gain, max(own, default=LAW_ERROR**2 * gain))
 
     left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
     return min(max(map(error, steps), default=0.0), 0.5 * left)
@@ -592,11 +602,11 @@ def corrected_equation(
 
 
 def backward(
-    data: Sequence[Conditioned], fitted: Fitted, steps: list[Step], level: float, pool: Executor, say: Say
+    data: Sequence[Conditioned], fitted: Fitted, steps: list[Step], tested: Tested, pool: Executor, say: Say
 ) -> tuple[Fitted, list[Step]]:
     """Leave out families that, with all others there, gain no more than chance or than the others' laws are off."""
     kept = list(steps)
-    least = errors_of_laws(fitted, steps)
+    least, level = errors_of_laws(fitted, steps, tested.scores), tested.level
     for step in sorted(steps, key=lambda each: each.gain):
         if len(kept) < 2:
             break
