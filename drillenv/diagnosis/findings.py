@@ -192,8 +192,10 @@ def corrected(outcome: Outcome) -> Corrected:
     for step in outcome.steps:
         equation = step.named.equation
         if equation is not None:
-            symbols = {each.symbol for each in REGISTRY[step.named.mechanism].parameters}
-            found = {name: each["value"] for name, each in strengths(outcome.final, step).items() if name in symbols}
+            known = {each.symbol: each for each in REGISTRY[step.named.mechanism].parameters}
+            stated = {name: each["value"] for name, each in strengths(outcome.final, step).items() if name in known}
+            # a fit may leave what an effect may be, by less than it is sure of
+            found = {name: min(max(value, known[name].low), known[name].high) for name, value in stated.items()}
             effects.append(make(step.named.mechanism, **found))
         else:
             effects += tabulated(outcome.final, step)
@@ -211,6 +213,9 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
         y = model.tables[term.place]
         pick = np.unique(np.linspace(0, x.size - 1, KNOTS).astype(int))
         x, y = x[pick], y[pick]
+        if term.place == predict.WAVEFORM:
+            # a turn ends where it began, but for rounding
+            y[-1] = y[0]
         if term.place in LOGARITHMS:
             x, y = x * model.s[predict.K_L], np.exp(y)
         made.append(make(f"tabulated-{PLACE_NAMES[term.place]}", x=x.tolist(), y=y.tolist()))
