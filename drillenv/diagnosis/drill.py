@@ -167,8 +167,8 @@ class Recorded:
         """Samples of which both channels are judged."""
         return slice(self.judged.start + self.wait, self.judged.stop)
 
-    def counted(self, signals: Floats) -> Floats:
-        """Signals (..., 2, judged) as the noise model weighs them, the acceleration from its first sample on."""
+    def judged_only(self, signals: Floats) -> Floats:
+        """Signals (..., 2, judged) as the noise model weighs them, the acceleration from where it is judged on."""
         signals[..., 1, : self.wait] = 0.0
         return self.weighed(signals)
 
@@ -225,6 +225,11 @@ class Recorded:
         if chained:
             ends = begin
         return Raw(said, path_, by_state, by_column, ends, ends_by_state, ends_by_column, end >= 0.0)
+
+    def path(self, model: Model, own: Floats) -> Floats:
+        """(7, n) states along the motion, from the first window to the last, at the integrator's steps."""
+        path = self.integrate(model, own, no_columns(), 0, path=True).path
+        return path[:, self.inside.start // self.stride : self.inside.stop // self.stride]
 
     def labelled(self, own: Floats, model: Model) -> Model:
         """A model with the pressure as the recording has it."""
@@ -429,7 +434,7 @@ class Recorded:
     def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
         """(2, judged) measured less read, as the noise model weighs it."""
         read = self.read(values, said) + self.disturbance(own)
-        return self.counted((self.measured - read)[:, self.judged])
+        return self.judged_only((self.measured - read)[:, self.judged])
 
     def read(self, values: Floats, said: Floats) -> Floats:
         """(2, n) what the logger makes of the simulated signals, the lines aside."""
@@ -457,7 +462,7 @@ class Recorded:
         raw = chained(raw, self.starts, by_own_begin, by_column_begin)
         residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
         seen = self.hypothesis.sense(values, raw.by_column.transpose(1, 0, 2), self.scene)
-        seen = self.counted(self.sampled(values, seen)[:, :, self.judged])
+        seen = self.judged_only(self.sampled(values, seen)[:, :, self.judged])
         shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, seen, mixing)
         local_mixing = self.local_mixing(columns, model)
         wide = np.concatenate([self.local_columns(seen, local_mixing), shared_columns, residual[None]])
@@ -506,7 +511,7 @@ class Recorded:
         rows = np.zeros((len(self.lines), 2, self.data.force.size))
         for i, (channel, row) in enumerate(self.lines):
             rows[i, channel] = self.noise[channel].std * row
-        return np.concatenate([moved, self.counted(rows[:, :, self.judged])])
+        return np.concatenate([moved, self.judged_only(rows[:, :, self.judged])])
 
     def gap_columns(self, raw: Raw, own: int, by_own_begin: Floats, by_column_begin: Floats, mixing: Floats,
                     local_mixing: Floats) -> tuple[Floats, Floats]:  # fmt: skip
@@ -675,7 +680,7 @@ class Recorded:
                 else:
                     more = self.read(np.concatenate(split), raw.said) - read
                 if more is not None:
-                    moved[first + j] += self.counted(more[:, self.judged]) / step
+                    moved[first + j] += self.judged_only(more[:, self.judged]) / step
             first += own.size
         return moved * self.widths[:, None, None]
 

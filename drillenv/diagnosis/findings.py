@@ -58,10 +58,13 @@ def parameters(final: Fitted) -> dict[str, Any]:
 
 def findings(outcome: Outcome) -> list[dict[str, Any]]:
     """One entry for each mechanism."""
-    return [finding(outcome, step) for step in outcome.steps]
+    if not outcome.steps:
+        return []
+    ranges, depth = visited(outcome), median_depth(outcome)
+    return [finding(outcome, step, ranges, depth) for step in outcome.steps]
 
 
-def finding(outcome: Outcome, step: Step) -> dict[str, Any]:
+def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict[str, Any]:
     """A mechanism with its form, its parameters where it follows an equation, and its measured law."""
     final, named = outcome.final, step.named
     effect = REGISTRY[named.mechanism]
@@ -85,7 +88,7 @@ def finding(outcome: Outcome, step: Step) -> dict[str, Any]:
         entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
         nearest = named.nearest_fit if named.equation is None else None
-        entry["law"] = measured_law(final, step.family, terms, median_depth(outcome), visited(outcome), nearest)
+        entry["law"] = measured_law(final, step.family, terms, depth, ranges, nearest)
     return entry
 
 
@@ -161,8 +164,7 @@ def visited(outcome: Outcome) -> Visited:
     paths, drive, rest, frequencies = [], 0.0, [], []
     for block, own, shared in (*fitted, *outcome.held_fits[1]):
         model = block.hypothesis.model(shared * block.widths, block.scene)
-        path = block.integrate(model, own, no_columns(), 0, path=True).path
-        paths.append(path[:, block.inside.start // block.stride : block.inside.stop // block.stride])
+        paths.append(block.path(model, own))
         drive = max(drive, float(model.s[predict.F_A]))
         rest.append(float(model.s[predict.F_B] / model.s[predict.K]))
         frequencies.append(block.scene.frequency)
@@ -174,7 +176,7 @@ def median_depth(outcome: Outcome) -> float:
     depths = []
     for block, own in zip(outcome.final.blocks, outcome.final.fit.own, strict=True):
         model = block.hypothesis.model(outcome.final.values, block.scene)
-        path = block.integrate(model, own, no_columns(), 0, path=True).path
+        path = block.path(model, own)
         loading = (path[predict.W] > 0.0) & (path[predict.V2] > 0.0)
         depths.append(path[predict.W][loading])
     every = np.concatenate(depths)

@@ -245,11 +245,7 @@ def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
     values = fitted.values
     models = [fitted.hypothesis.model(values, each.scene) for each in fitted.blocks]
 
-    def path(block: Recorded, own: Floats, model) -> Floats:
-        path = block.integrate(model, own, no_columns(), 0, path=True).path
-        return path[:, block.inside.start // block.stride : block.inside.stop // block.stride]
-
-    return list(pool.map(path, fitted.blocks, fitted.fit.own, models)), models
+    return list(pool.map(Recorded.path, fitted.blocks, models, fitted.fit.own)), models
 
 
 def axes_at(fitted: Fitted, pool: Executor):

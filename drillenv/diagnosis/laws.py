@@ -260,8 +260,8 @@ class Family:
     """A sentence for what no mechanism of the library is: such a family says what a campaign is ``unexplained`` by."""
     textbook: bool = False
     """Whether its law is the library's equation."""
-    looked: int = 1
-    """Of how many of its kind it is the best."""
+    tried: int = 1
+    """Frequencies of which its own is the best."""
 
     @property
     def mechanism(self) -> str:
@@ -285,7 +285,7 @@ class Family:
 
 
 @dataclass(frozen=True)
-class Free:
+class FreeLaws:
     """How fine free laws are, and whether what constants can take up is projected out of them."""
 
     axes: Axes
@@ -333,11 +333,11 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1, projecte
     What constants of the paper's model can take up is ``projected`` out, for it is no sign that anything is missing. Of
     a law that is known to be there it is not: the priors say which share of a spring is straight.
     """
-    free = Free(axes, detail, projected)
+    free = FreeLaws(axes, detail, projected)
     return [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies), *_remembering()]
 
 
-def _contact(free: Free) -> list[Family]:
+def _contact(free: FreeLaws) -> list[Family]:
     level, rates = (np.ones_like,), _through_zero(free.splines(7))
     law = (
         free.curve("loading", 0.05, predict.LOADING, free.over_depth(predict.LOADING), level),
@@ -356,7 +356,7 @@ def _contact(free: Free) -> list[Family]:
     ]
 
 
-def _coupling(free: Free) -> list[Family]:
+def _coupling(free: FreeLaws) -> list[Family]:
     straight = (np.ones_like, _itself)
     spring = free.curve("spring", 10.0, predict.SPRING, free.splines(8), straight)
     play = free.curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, free.splines(12), straight)
@@ -368,7 +368,7 @@ def _coupling(free: Free) -> list[Family]:
     ]
 
 
-def _friction(free: Free) -> list[Family]:
+def _friction(free: FreeLaws) -> list[Family]:
     guide = free.curve("guide", 10.0, predict.GUIDE, free.odd_over_speed(predict.GUIDE))
     indenter = free.curve("indenter", 10.0, predict.INDENTER, free.odd_over_speed(predict.INDENTER))
     return [
@@ -377,7 +377,7 @@ def _friction(free: Free) -> list[Family]:
     ]
 
 
-def _drive(free: Free, frequencies: Sequence[float]) -> list[Family]:
+def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
     # a parabola, or what fewer frequencies can tell
     distinct = np.unique(np.round(frequencies, 1)).size
     knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))

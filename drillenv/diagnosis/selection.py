@@ -173,7 +173,7 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
             freedom = int(kept.sum())
             gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
             elsewhere = known.gain_elsewhere(inside)
-            p = min(each.looked * float(chi2.sf(2.0 * gain, freedom)), 1.0)
+            p = min(each.tried * float(chi2.sf(2.0 * gain, freedom)), 1.0)
             scores.append(Score(each, gain, freedom, p, elsewhere))
             chance = chi2.sf(((drawn[:, at] @ turned) ** 2).sum(axis=1), freedom)
             smallest = np.minimum(smallest, chance)
@@ -183,17 +183,17 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
 def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> list[Family]:
     """What goes on at a frequency of its own, at that of the largest score test's gain; none in short recordings."""
     recordings = [block.scene.name for block in fitted.blocks]
-    looked = frequencies(kind, max(block.data.force.size / block.data.rate for block in fitted.blocks))
-    if not looked.size:
+    tried = frequencies(kind, max(block.data.force.size / block.data.rate for block in fitted.blocks))
+    if not tried.size:
         return []
     # of several channels, the first shows the frequency
-    terms = [sinusoid(kind, each, recordings, 0.0, kind.channels[:1]) for each in looked]
+    terms = [sinusoid(kind, each, recordings, 0.0, kind.channels[:1]) for each in tried]
     gradient, hessian = information(fitted, terms, pool).reduced()
     gains = []
-    for i in range(looked.size):
+    for i in range(tried.size):
         at = slice(i * len(terms[0].unknowns), (i + 1) * len(terms[0].unknowns))
         gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
-    return [at_frequency(kind, float(looked[int(np.argmax(gains))]), recordings, looked)]
+    return [at_frequency(kind, float(tried[int(np.argmax(gains))]), recordings, tried)]
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:

@@ -43,7 +43,7 @@ class Sinusoid(Term):
 
     symbol: str = "f"
     """Of the frequency in the library's equation."""
-    turns: float = 1.0
+    per_hertz: float = 1.0
     """What the library's equation has for one hertz."""
     channels: tuple[Channel, ...] = ()
     recordings: tuple[str, ...] = ()
@@ -92,9 +92,13 @@ class Sinusoid(Term):
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """Frequency, and amplitudes as the root mean square over recordings, as the library's equation has them."""
         sizes, spreads = (each[1:].reshape(len(self.recordings), -1, 2) for each in (values, spread))
-        unit = "Hz" if self.turns == 1.0 else "rad/s"
+        unit = "Hz" if self.per_hertz == 1.0 else "rad/s"
         found = {
-            self.symbol: {"value": self.turns * float(values[0]), "std": self.turns * float(spread[0]), "unit": unit}
+            self.symbol: {
+                "value": self.per_hertz * float(values[0]),
+                "std": self.per_hertz * float(spread[0]),
+                "unit": unit,
+            }
         }
         for i, channel in enumerate(self.channels):
             size = float(np.sqrt(np.mean(np.sum(sizes[:, i] ** 2, axis=1))))
@@ -108,7 +112,7 @@ class Kind(NamedTuple):
 
     mechanism: str
     symbol: str
-    turns: float
+    per_hertz: float
     channels: tuple[Channel, ...]
     lowest: float
     """Hz."""
@@ -122,7 +126,7 @@ KINDS = (
 )
 
 
-TURNS = 2.0
+FEWEST_CYCLES = 2.0
 """In a recording at least: what turns less is a drift, which much else makes as well."""
 
 
@@ -131,7 +135,7 @@ def frequencies(kind: Kind, seconds: float) -> Floats:
 
     Empty where recordings are too short for any.
     """
-    lowest = max(kind.lowest, TURNS / seconds)
+    lowest = max(kind.lowest, FEWEST_CYCLES / seconds)
     if lowest > kind.highest:
         return np.zeros(0)
     return np.linspace(lowest, kind.highest, math.ceil((kind.highest - lowest) * 2.0 * seconds) + 1)
@@ -149,11 +153,11 @@ def sinusoid(
                 own = f"{channel.name} {wave} {name}"
                 unknowns.append(Unknown(own, 0.0, channel.width, 30.0 * channel.width, unit=channel.unit))
     name = f"{kind.mechanism} {frequency:.1f} Hz"
-    return Sinusoid(name, tuple(unknowns), kind.symbol, kind.turns, used, tuple(recordings))
+    return Sinusoid(name, tuple(unknowns), kind.symbol, kind.per_hertz, used, tuple(recordings))
 
 
-def family(kind: Kind, frequency: float, recordings: Sequence[str], looked: Floats) -> Family:
-    """The mechanism at the best of the frequencies ``looked`` through; its law is the library's equation."""
-    apart = float(looked[1] - looked[0]) if looked.size > 1 else 0.5 * frequency
+def family(kind: Kind, frequency: float, recordings: Sequence[str], tried: Floats) -> Family:
+    """The mechanism at the best of the frequencies ``tried``; its law is the library's equation."""
+    apart = float(tried[1] - tried[0]) if tried.size > 1 else 0.5 * frequency
     term = sinusoid(kind, frequency, recordings, apart)
-    return Family(term.name, kind.mechanism, (term,), textbook=True, looked=looked.size)
+    return Family(term.name, kind.mechanism, (term,), textbook=True, tried=tried.size)

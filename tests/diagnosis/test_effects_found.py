@@ -31,7 +31,7 @@ SURE = 3.0
 
 def test_every_mechanism_of_the_drilling_rig_is_looked_for():
     acting = {name for name, effect in REGISTRY.items() if effect.balances != ("body",)}
-    # this diagnosis does not try what the trial conceals as outside of the library
+    # these have no curve, and are tried as sinusoids and as a filter of a sensor
     assert set(FOUND) == acting - {"external-vibration", "rock-rotation", "sensor-highpass"}
 
 
