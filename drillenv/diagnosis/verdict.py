@@ -28,6 +28,7 @@ from drillenv.diagnosis.fitting import (
     priors_of,
     quietest,
     resized,
+    with_lines_left,
 )
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
@@ -138,12 +139,16 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
     hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat)
     own = [first_states(each) for each in data]
-    found = fit_to(data, hypothesis, None, own, pool, FREE, Limits(10, 1.0, 0.05))
-    found = joined(data, found, pool, Limits(10, 1.0, 0.05), found.noise)
+    limits = Limits(10, 1.0, 0.05)
+    found = fit_to(data, hypothesis, None, own, pool, FREE, limits)
+    noise = with_lines_left(found, pool)
+    if any(level.lines for each in noise for level in each):
+        found = fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, FREE, limits, noise)
+    found = joined(data, found, pool, limits, noise)
     hypothesis = Hypothesis(hypothesis.terms, axes_at(found, pool))
     noise = noise_left(found, pool)
     if found.per_freedom > CLOSE:
-        noise = quietest(noise, data)
+        noise = quietest(noise, data, lines=True)
     return fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, found.weight, Limits(10, 0.5, 0.003), noise)
 
 
@@ -201,7 +206,7 @@ def evaluated(
 
     Of recordings that are ``known`` the fit has the beginning.
     """
-    levels = quietest(fitted.noise, data) if noise is None else noise
+    levels = quietest(fitted.noise, data, lines=known) if noise is None else noise
     beginnings = [Beginning.of(*each) for each in zip(fitted.blocks, fitted.fit.own, strict=True)] if known else None
 
     def settle(each: Conditioned, level: Noise, beginning: Beginning | None) -> Settled:
@@ -229,11 +234,22 @@ class Beginning(NamedTuple):
 
 def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
     """The same with the noise that a model leaves, where it comes close to the recording."""
-    block, own, shared = there
-    if block.per_sample(shared, own) > CLOSE:
+
+    def alone(there: Settled) -> Fitted:
+        fit = replace(fitted.fit, shared=there.shared, own=[there.own])
+        return Fitted(there.block.hypothesis, [there.block], fit, fitted.priors)
+
+    found = there
+    if there.block.per_sample(there.shared, there.own) > CLOSE:
+        found = weighed(there, with_lines_left(alone(there), None)[0], fitted)
+    if found.block.per_sample(found.shared, found.own) > CLOSE:
         return there
-    left = Fitted(block.hypothesis, [block], replace(fitted.fit, shared=shared, own=[own]), fitted.priors)
-    noise = noise_left(left, None)[0]
+    return weighed(found, noise_left(alone(found), None)[0], fitted)
+
+
+def weighed(there: Settled, noise: Noise, fitted: Fitted) -> Settled:
+    """The same with another noise, and lines of the model whose amplitudes are each recording's."""
+    block, own, shared = there
     if fitted.hypothesis.terms != block.hypothesis.terms:
         noise = with_own_lines(fitted, noise)[1]
     again = replace(block, noise=noise)
