@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -46,9 +47,17 @@ class Constants(Term):
         s[predict.F_B] += push * rig.static_force(setting)
         s[predict.K_L], s[predict.RATIO] = loading, unloading / loading
 
+    def freed(self, name: str) -> Constants:
+        """The same with one that need not be near to what is stated."""
+        return replace(self, unknowns=tuple(e._replace(std=math.inf) if e.name == name else e for e in self.unknowns))
+
+    def held(self, name: str) -> Constants:
+        """The same with one that is believed as stated."""
+        return replace(self, unknowns=tuple(e._replace(std=e.width) if e.name == name else e for e in self.unknowns))
+
 
 def constants(nominal: Mapping[str, Nominal]) -> Constants:
-    """From what a campaign states."""
+    """From what a campaign states; the unit of each is its stated standard deviation."""
     unknowns = []
     for name in NAMES:
         value, std = float(nominal[name].value or 0.0), float(nominal[name].std or 0.0)

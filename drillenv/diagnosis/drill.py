@@ -8,7 +8,7 @@ those of the terms (laws, filters) that have been added to the paper's model.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -393,19 +393,6 @@ class Recorded:
         found[:, Y] = spring_coordinate(states[:, Y], model, self.hypothesis.axes)
         found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.hypothesis.axes)
         return found[:, :kept] / STATE_WIDTHS[:kept]
-
-    def converted(self, other: Recorded, model: Model, said: Model, own: Floats, moved: Mapping[int, float]) -> Floats:
-        """Own unknowns with which another block's model ``said`` moves as this one's ``model`` with ``own``.
-
-        ``moved`` is by how many metres the argument of a spring's curve is another, by its place.
-        """
-        kept, rest = self.state_count(own), model.s[F_B] / model.s[K]
-        states = self.begun(own, model)
-        states[:, Y] += moved.get(SPRING, 0.0)
-        if SPRING_FROM_REST in moved:
-            label = self.labelled(own, model).s[F_B] / model.s[F_B]
-            states[:, Y] += moved[SPRING_FROM_REST] + label * (said.s[F_B] / said.s[K] - rest)
-        return np.append(other.owned(states, other.labelled(own, said), kept).ravel(), own[self.windows * kept :])
 
     def chained(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns with which all states go on from window to window, but for the indenter's."""

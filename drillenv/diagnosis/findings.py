@@ -153,7 +153,8 @@ def equivalents(step: Step) -> list[str]:
         MOST * step.gain if step.named.equation is None else min(worse for _, worse in nearest or [(None, 0.0)]) + EQUAL
     )
     named = {effect_of(equation) for equation, worse in nearest if worse < most}
-    alike = named | {family.mechanism for family, other in step.rivals if other.cost - step.found < EQUAL}
+    close = [family for family, other in step.rivals if other.cost - step.found < EQUAL and not family.constant]
+    alike = named | {family.mechanism for family in close}
     return sorted(alike - {step.named.mechanism})
 
 
@@ -333,7 +334,7 @@ def remarks(outcome: Outcome) -> list[str]:
     silent = [
         each.name.replace("_", " ")
         for each, std in zip(final.hypothesis.unknowns[: len(NAMES)], spread, strict=False)
-        if std > SILENT * each.std
+        if std > SILENT * each.width
     ]
     if not silent:
         return []

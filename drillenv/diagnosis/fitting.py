@@ -24,8 +24,6 @@ FREE, JOINED = 1e3, 1.0
 within the integrator's error."""
 GRADUAL = (100.0, 10.0, JOINED)
 """From one to the other in smaller steps."""
-TAILS = 4.0
-"""Degrees of freedom of the constants' priors where windows are joined."""
 FULL = Limits()
 LOWEST_LINE = 130.0
 """Hz from which lines are of the noise. Below, floors shake and mains hum, with two orders: families of their own."""
@@ -171,9 +169,7 @@ def quietest(noise: Sequence[Noise], data: Sequence[Conditioned], lines: bool = 
 
     def at(rate: float, own: Noise | None) -> Noise:
         first, second = (
-            replace(
-                level, std=level.std * math.sqrt(rate / level.rate), lines=own[i].lines if own else (), rate=rate
-            )
+            replace(level, std=level.std * math.sqrt(rate / level.rate), lines=own[i].lines if own else (), rate=rate)
             for i, level in enumerate(least)
         )
         return first, second
@@ -233,8 +229,6 @@ def fit_to(
         fitted_to(each, len(one.starts) - 1, size, level) for each, one, level in zip(own, data, levels, strict=True)
     ]
     blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
-    # a model that is close may find that a constant is wrong; one that is far off must not
-    priors = replace(priors, freedom=TAILS if weight == JOINED else math.inf)
     samples = sum(each.samples for each in blocks)
     if settled:
         each: Callable = map if pool is None else pool.map

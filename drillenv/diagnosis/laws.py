@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from drillenv.diagnosis import predict
+from drillenv.diagnosis.coupling import look
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Hypothesis, Model, Scene, Term, Unknown
@@ -262,6 +262,8 @@ class Family:
     """Whether its law is the library's equation."""
     tried: int = 1
     """Frequencies of which its own is the best."""
+    constant: str = ""
+    """A constant of the paper's model that need not be as stated: no mechanism is missing, and there is no term."""
 
     @property
     def mechanism(self) -> str:
@@ -276,7 +278,7 @@ class Family:
     @property
     def size(self) -> int:
         """How many parameters it has."""
-        return len(self.unknowns)
+        return len(self.unknowns) + bool(self.constant)
 
     @property
     def remembers(self) -> bool:
@@ -286,25 +288,20 @@ class Family:
 
 @dataclass(frozen=True)
 class FreeLaws:
-    """How fine free laws are, and whether what constants can take up is projected out of them."""
+    """How fine free laws are."""
 
     axes: Axes
     detail: int = 1
-    projected: bool = True
 
-    def curve(
-        self, name: str, width: float, place: int, basis: Floats, known: Sequence[Callable[[Floats], Floats]] = ()
-    ) -> Term:
-        """A law of basis functions (m, GRID), of which ``known`` functions of the argument are the constants'."""
-        x = self.axes.points(place)
-        if not self.projected and place in (predict.DAMPER, predict.DRIVE):
-            free = _through_zero(basis)
-        elif not self.projected:
+    def curve(self, name: str, width: float, place: int, basis: Floats) -> Term:
+        """A law of basis functions (m, GRID)."""
+        if place in (predict.DAMPER, predict.DRIVE):
+            # a force that is there at all times is the pressure's
+            basis = _through_zero(basis)
+        if place in SPRINGS:
             # where a spring is at rest, no recording says
-            free = normalised(basis, [np.ones_like(x)] if place in SPRINGS else [])
-        else:
-            free = normalised(basis, [each(x) for each in known])
-        free = smoothest_first(free)
+            basis = basis - basis.mean(axis=1, keepdims=True)
+        free = smoothest_first(normalised(basis))
         return Curve(name, _named(name, len(free), width), place, free)
 
     def splines(self, count: int, at: Floats | None = None) -> Floats:
@@ -327,21 +324,20 @@ class FreeLaws:
         return odd(bsplines(3 * self.detail + 3, np.arcsinh(SLOW * x / x[-1])))[1:]
 
 
-def families(axes: Axes, frequencies: Sequence[float], detail: int = 1, projected: bool = True) -> list[Family]:
+def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[Family]:
     """Every family with a free law, at zero; ``detail`` times as many spline intervals.
 
-    What constants of the paper's model can take up is ``projected`` out, for it is no sign that anything is missing. Of
-    a law that is known to be there it is not: the priors say which share of a spring is straight.
+    A law holds what is straight in it: which share of that is a constant's, the constants' priors say.
     """
-    free = FreeLaws(axes, detail, projected)
+    free = FreeLaws(axes, detail)
     return [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies), *_remembering()]
 
 
 def _contact(free: FreeLaws) -> list[Family]:
-    level, rates = (np.ones_like,), _through_zero(free.splines(7))
+    rates = _through_zero(free.splines(7))
     law = (
-        free.curve("loading", 0.05, predict.LOADING, free.over_depth(predict.LOADING), level),
-        free.curve("unloading", 0.05, predict.UNLOADING, free.over_depth(predict.UNLOADING), level),
+        free.curve("loading", 0.05, predict.LOADING, free.over_depth(predict.LOADING)),
+        free.curve("unloading", 0.05, predict.UNLOADING, free.over_depth(predict.UNLOADING)),
     )
     rate = (
         free.curve("rate-factor", 0.05, predict.RATE_FACTOR, rates),
@@ -357,10 +353,9 @@ def _contact(free: FreeLaws) -> list[Family]:
 
 
 def _coupling(free: FreeLaws) -> list[Family]:
-    straight = (np.ones_like, _itself)
-    spring = free.curve("spring", 10.0, predict.SPRING, free.splines(8), straight)
-    play = free.curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, free.splines(12), straight)
-    damper = free.curve("damper", 10.0, predict.DAMPER, free.over_speed(9, predict.DAMPER), straight)
+    spring = free.curve("spring", 10.0, predict.SPRING, free.splines(8))
+    play = free.curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, free.splines(12))
+    damper = free.curve("damper", 10.0, predict.DAMPER, free.over_speed(9, predict.DAMPER))
     return [
         Family("spring", "spring", (spring,), "stiffness-hardening"),
         Family("backlash", "backlash", (play,)),
@@ -382,7 +377,7 @@ def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
     distinct = np.unique(np.round(frequencies, 1)).size
     knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
     waveform = free.curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * free.detail + 2)))
-    limit = free.curve("drive", 10.0, predict.DRIVE, free.splines(9), (np.ones_like, _itself))
+    limit = free.curve("drive", 10.0, predict.DRIVE, free.splines(9))
     droop = (
         Gain("gain", _named("gain", knots.size, 0.05), predict.F_A, knots),
         Gain("phase", _named("phase", knots.size, 0.05), predict.PHASE, knots),
@@ -405,70 +400,51 @@ def _remembering() -> list[Family]:
     return found
 
 
-def _itself(x: Floats) -> Floats:
-    return x
+WIDER = 0.5
+"""Share of its range by which an axis is made longer at either end for equations, under which motions are others."""
 
 
-class Equivalent(NamedTuple):
-    """Parameters of the same motion, with what is straight in a law as a part of the law and not of a constant."""
-
-    axes: Axes
-    values: Floats
-    """Parameters, with the constants as stated."""
-    more: dict[str, Floats]
-    """(GRID,) that the tables of curves get, by the curve's name."""
-    moved: dict[int, float]
-    """m by which the argument of a spring's curve moves, by place."""
-
-
-STRAIGHT = {predict.SPRING: "stiffness", predict.SPRING_FROM_REST: "stiffness", predict.DAMPER: "damping"}
-"""Constants whose law is a straight one at the same place."""
+def wider(axes: Axes) -> Axes:
+    """Axes over more than motions visit, but for phases and counts."""
+    low, high = axes.low.copy(), axes.low + axes.step * (GRID - 1)
+    for place in range(PLACES):
+        if place in (predict.WAVEFORM, predict.COMPACTION):
+            continue
+        x = axes.points(place)[[0, -1]]
+        more = WIDER * (x[1] - x[0])
+        ends = x + more * np.array([-1.0 if x[0] < 0.0 or place in SPRINGS else 0.0, 1.0])
+        low[place], high[place] = np.arcsinh(ends / axes.scale[place])
+    return Axes(axes.scale, low, (high - low) / (GRID - 1))
 
 
-def as_stated(hypothesis: Hypothesis, values: Floats, terms: Sequence[Term]) -> Equivalent:
-    """The same with constants as stated, whose places have one of these curves.
-
-    Recordings say what spring and damper do, and not which share of it is straight; that is for the priors to say.
-    Where the spring is at rest, they say neither: the curve moves along its argument as the stated stiffness has it.
-    """
-    constants = hypothesis.terms[0]
-    names = [each.name for each in constants.unknowns]
-    values, more, moved, low = values.copy(), {}, {}, hypothesis.axes.low.copy()
-    for term, own in zip(hypothesis.terms, hypothesis.split(values), strict=True):
-        if term in terms and isinstance(term, Curve) and term.place in STRAIGHT:
-            i = names.index(STRAIGHT[term.place])
-            stated = constants.unknowns[i].value
-            x = hypothesis.axes.points(term.place)
-            whole = own @ term.basis + (values[i] - stated) * x
-            if term.place in SPRINGS:
-                # the axis is even over a spring's range
-                moved[term.place] = float(whole.mean() / stated)
-                low[term.place] += moved[term.place] / hypothesis.axes.scale[term.place]
-            level = 0.0 if term.place == predict.DAMPER else whole.mean()
-            more[term.name] = whole - level - own @ term.basis
-            values[i] = stated
-    return Equivalent(hypothesis.axes._replace(low=low), values, more, moved)
+def on_axes(hypothesis: Hypothesis, axes: Axes) -> Hypothesis:
+    """The same laws on other axes, straight beyond where they were known."""
+    terms = []
+    for term in hypothesis.terms:
+        if isinstance(term, Curve):
+            x = axes.points(term.place)
+            basis = np.array([look(row, hypothesis.axes, term.place, x) for row in term.basis])
+            term = replace(term, basis=basis)
+        terms.append(term)
+    return Hypothesis(tuple(terms), axes)
 
 
-def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0) -> Floats:
-    """Coefficients with which ``other`` has, as nearly as can be, the law of ``term`` with ``values`` and ``more``."""
+def moved_to(term: Term, other: Term, values: Floats) -> Floats:
+    """Coefficients with which ``other`` has, as nearly as can be, the law of ``term`` with ``values``."""
     if isinstance(term, Gain) and isinstance(other, Gain):
         return np.array([term.at(each, values) for each in other.knots])
     if not isinstance(term, Curve) or not isinstance(other, Curve):
         return values
     columns = other.basis.T
-    if term.place in (predict.DAMPER, predict.DRIVE):
-        # a force that is there at all times is the pressure's
+    if term.place in (predict.DAMPER, predict.DRIVE, *SPRINGS):
+        # of which the level is no part
         columns = np.column_stack([columns, np.ones(GRID)])
-    found = np.linalg.lstsq(columns, values @ term.basis + more, rcond=None)[0]
+    found = np.linalg.lstsq(columns, values @ term.basis, rcond=None)[0]
     return np.asarray(found[: len(other.basis)], dtype=float)
 
 
-def normalised(basis: Floats, known: Sequence[Floats]) -> Floats:
-    """Functions (m, GRID) that span the same but for what the constants can take up, of root mean square 1."""
-    if known:
-        fixed = np.linalg.qr(np.column_stack(known))[0]
-        basis = basis - (basis @ fixed) @ fixed.T
+def normalised(basis: Floats) -> Floats:
+    """Functions (m, GRID) that span the same, orthogonal, of root mean square 1."""
     _, sizes, rows = np.linalg.svd(basis, full_matrices=False)
     return np.asarray(rows[sizes > 1e-6 * sizes[0]] * math.sqrt(GRID), dtype=float)
 

@@ -14,7 +14,7 @@ import numpy as np
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.coupling import look
 from drillenv.diagnosis.drill import no_columns
-from drillenv.diagnosis.laws import Equation, Family
+from drillenv.diagnosis.laws import Curve, Equation, Family
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
@@ -24,6 +24,8 @@ from drillenv.diagnosis.terms import Model, Term
 
 POINTS = 61
 BAND = 1.96
+LOW_END = 5
+"""Part of a spring's range, inverted, from which it is taken to go on straight to where it has no force."""
 BINS, FEW = 40, 8
 """Of partial residuals, and samples in one at least."""
 NEAR_DEPTH = 1.3
@@ -125,6 +127,33 @@ def _plain(
     return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
 
 
+def unloaded(model: Model, axes: Axes, ends: tuple[float, float]) -> float:
+    """Shortening (m) at which the coupling's spring has no force: where its force, straight from its low end, is none.
+
+    Recordings tell a spring's force by how its shortening changes, and not from where that is counted.
+    """
+    x = np.linspace(*ends, POINTS)
+    force = model.s[predict.K] * x + _at(model, axes, predict.SPRING, x)
+    turns = np.flatnonzero(force[1:] * force[:-1] <= 0.0)
+    inside = slice(turns[0], turns[0] + 2) if turns.size else slice(0, POINTS // LOW_END)
+    slope, level = np.polyfit(x[inside], force[inside], 1)
+    return float(-level / slope) if slope > 0.0 else 0.0
+
+
+def _spring(axes: Axes, ends: tuple[float, float], model: Model) -> Shown:
+    """Force over the shortening from where the spring has none, as a free law of a fitted model has it."""
+    zero = unloaded(model, axes, ends)
+    x = np.linspace(*ends, POINTS) - zero
+
+    def y(model: Model) -> Floats:
+        return _at(model, axes, predict.SPRING, x + zero) + model.s[predict.K] * zero
+
+    def seen(motion: Motion) -> tuple[Floats, Floats]:
+        return motion.path[predict.Y] - zero, motion.push
+
+    return Shown("shortening of the coupling", "m", "N", x, y, seen, straight=True)
+
+
 def _over_spring(motion: Motion) -> tuple[Floats, Floats]:
     return motion.path[predict.Y], motion.push
 
@@ -150,9 +179,12 @@ def _over_drive(motion: Motion) -> tuple[Floats, Floats]:
     return s[predict.F_A] * np.sin(motion.theta + s[predict.PHASE]), motion.push
 
 
-def shown(family: Family, fitted: Fitted, depth: float, visited: Visited) -> Shown:
-    """How a family's law is shown; ``depth`` is the median loading depth in m."""
+def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, visited: Visited) -> Shown:
+    """How a family's law, of these ``terms`` now, is shown; ``depth`` is the median loading depth in m."""
     axes = fitted.hypothesis.axes
+    if family.group == "spring" and isinstance(terms[0], Curve):
+        model = fitted.hypothesis.model(fitted.values, fitted.blocks[0].scene)
+        return _spring(axes, _ends(visited.axes, predict.SPRING), model)
     plain = {
         "spring": (predict.SPRING, "shortening of the coupling", "m", "N", _over_spring),
         "backlash": (predict.SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
@@ -264,7 +296,7 @@ def measured_law(
     nearest: tuple[Term, Floats] | None = None,
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
-    display = shown(family, fitted, depth, visited)
+    display = shown(family, terms, fitted, depth, visited)
     own_indices = indices_of(fitted, terms)
     at = fitted.fit.shared
     y = curve_of(fitted, display, terms, at)

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fitting import Fitted, fit_to
-from drillenv.diagnosis.laws import NUMBERS, Curve, Equation, Family, Gain, equations
+from drillenv.diagnosis.laws import NUMBERS, PLACE_NAMES, Curve, Equation, Family, Gain, equations, on_axes, wider
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats, Limits
@@ -29,6 +29,17 @@ MOST = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
 STARTS = 2
 """Starts of an equation that are followed to their end."""
+TENSE = 2.0
+"""Stated standard deviations from which a constant may be held back from where an equation would have it."""
+STRAIGHT = {
+    predict.LOADING: "loading_stiffness",
+    predict.UNLOADING: "unloading_stiffness",
+    predict.SPRING: "stiffness",
+    predict.SPRING_FROM_REST: "stiffness",
+    predict.DAMPER: "damping",
+    predict.DRIVE: "drive_gain",
+}
+"""Constants whose law is a straight one at the same place."""
 
 
 @dataclass
@@ -70,14 +81,28 @@ def effect_of(term: Term) -> str:
     return "mains-hum" if term.name.startswith("hum") else term.name
 
 
-def without(fitted: Fitted, terms: Sequence[Term]) -> tuple[Hypothesis, Floats]:
-    """The hypothesis less some of its terms, and where a fit stands by its parameters, in the solver's units."""
+def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[Hypothesis, Floats]:
+    """The hypothesis less some of its terms, or with a constant as stated, and where a fit stands by its parameters.
+
+    In the solver's units.
+    """
     names = {each.name for each in terms}
     whole = fitted.hypothesis
     kept = [each.name not in names for each in whole.terms]
-    hypothesis = Hypothesis(tuple(each for each, stays in zip(whole.terms, kept, strict=True) if stays), whole.axes)
+    left = [each for each, stays in zip(whole.terms, kept, strict=True) if stays]
+    if constant:
+        left[0] = left[0].held(constant)
     parts = [part for part, stays in zip(whole.split(fitted.fit.shared), kept, strict=True) if stays]
-    return hypothesis, np.concatenate(parts)
+    return Hypothesis(tuple(left), whole.axes), np.concatenate(parts)
+
+
+def with_more(hypothesis: Hypothesis, begun: Floats, family: Family) -> tuple[Hypothesis, Floats]:
+    """A hypothesis with one more family, and where its parameters begin, in the solver's units."""
+    terms = [*hypothesis.terms, *family.terms]
+    if family.constant:
+        terms[0] = terms[0].freed(family.constant)
+    start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
+    return Hypothesis(tuple(terms), hypothesis.axes), start
 
 
 def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
@@ -248,6 +273,25 @@ def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -
     return [values for _, values in scored[:STARTS]]
 
 
+def with_constant_freed(data: Sequence[Conditioned], fitted: Fitted, equation: Term, pool: Executor) -> Fitted:
+    """The fit of an equation with the constant of its place freed, where that is pulled far from what is stated.
+
+    A lab that has fitted its constants without the mechanism states what both are together.
+    """
+    constants = fitted.hypothesis.terms[0]
+    places = [PLACE_NAMES.index(each) for each in equation.form.laws] if isinstance(equation, Equation) else []
+    for place in places:
+        name = STRAIGHT.get(place, "")
+        i = next((i for i, each in enumerate(constants.unknowns) if each.name == name), None)
+        if i is None or abs(fitted.values[i] - constants.unknowns[i].value) < TENSE * constants.unknowns[i].std:
+            continue
+        terms = (constants.freed(name), *fitted.hypothesis.terms[1:])  # type: ignore[attr-defined]
+        hypothesis = Hypothesis(terms, fitted.hypothesis.axes)
+        start, own = fitted.fit.shared, fitted.fit.own
+        return fit_to(data, hypothesis, start, own, pool, fitted.weight, THOROUGH, fitted.noise)
+    return fitted
+
+
 def name_law(
     data: Sequence[Conditioned], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
 ) -> tuple[Named, Fitted]:
@@ -257,6 +301,7 @@ def name_law(
         return Named(family, family.mechanism, own, [], (own, fitted.values_of(own.name))), fitted
     tried: list[tuple[Term, Fitted]] = []
     rest, kept = without(fitted, family.terms)
+    rest = on_axes(rest, wider(rest.axes))
     done = False
     for equation, starts in rivals(fitted, family):
         for constants, values in starts:
@@ -264,11 +309,14 @@ def name_law(
             start = np.concatenate([constants, kept[constants.size :], values])
             other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
             if not other.fit.converged and other.cost - fitted.cost < gain:
-                begun, own = other.fit.shared, other.fit.own
-                other = fit_to(data, hypothesis, begun, own, pool, fitted.weight, THOROUGH, fitted.noise)
+                other = fit_to(
+                    data, hypothesis, other.fit.shared, other.fit.own, pool, fitted.weight, THOROUGH, fitted.noise
+                )
+            fewer = family.size - len(equation.unknowns)
+            if not Named.does_as_well(other.cost - fitted.cost, gain, fewer):
+                other = with_constant_freed(data, other, equation, pool)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))
-            fewer = family.size - len(equation.unknowns)
             done = done or Named.does_as_well(other.cost - fitted.cost, gain, fewer)
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -13,9 +14,9 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
-from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined, kept_of, noise_left, resized
-from drillenv.diagnosis.laws import Curve, Family, Gain, as_stated, families, moved_to
-from drillenv.diagnosis.naming import THOROUGH, Named, name_law, without
+from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, axes_at, fit_to, joined, kept_of, noise_left, resized
+from drillenv.diagnosis.laws import Curve, Family, Gain, families, moved_to, on_axes
+from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, Kind, frequencies, sinusoid
@@ -120,8 +121,11 @@ class Tested(NamedTuple):
     """The p-value that the smallest must not exceed."""
 
 
-def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Information:
-    """By the parameters of more terms, at their start, all recordings' own unknowns eliminated."""
+def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants: Sequence[int] = ()) -> Information:
+    """By the parameters of more terms, at their start, all recordings' own unknowns eliminated.
+
+    Behind these come constants of the paper's model once more, of which then nothing is believed.
+    """
     hypothesis = Hypothesis(fitted.hypothesis.terms + tuple(terms), fitted.hypothesis.axes)
     known = fitted.fit.shared.size
     unknowns = hypothesis.unknowns
@@ -134,11 +138,12 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Inform
         return eliminated(replace(block, hypothesis=hypothesis, least_size=size).quadratic(shared, own), 0.0)[:2]
 
     reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
-    weights = fitted.priors.weights(fitted.fit.shared)
-    more = np.array([(each.width / each.std) ** 2 for each in unknowns[known:]])
+    weights = fitted.priors.weights
+    more = np.array([(each.width / each.std) ** 2 for each in unknowns[known:]] + [0.0] * len(constants))
+    each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
     return Information(
-        np.array([each[0] for each in reduced]),
-        np.array([each[1] for each in reduced]),
+        np.array([each[0][each_once] for each in reduced]),
+        np.array([each[1][np.ix_(each_once, each_once)] for each in reduced]),
         np.append(weights * (fitted.fit.shared - fitted.priors.centre), np.zeros(more.size)),
         np.append(weights, more),
         known,
@@ -151,12 +156,14 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     The p-value that the smallest must not exceed is drawn by a parametric bootstrap of the smallest p-value of all
     families together (P. H. Westfall and S. S. Young, Resampling-Based Multiple Testing, Wiley, 1993, Section 2.3).
     """
-    together = [each for each in tried if not each.remembers]
+    names = [each.name for each in fitted.hypothesis.terms[0].unknowns]
+    together = sorted((each for each in tried if not each.remembers), key=lambda each: bool(each.constant))
     batches = ([together] if together else []) + [[each] for each in tried if each.remembers]
     scores, smallest = [], np.ones(20000)
     rng = np.random.default_rng(seed)
     for batch in batches:
-        known = information(fitted, [term for each in batch for term in each.terms], pool)
+        terms = [term for each in batch for term in each.terms]
+        known = information(fitted, terms, pool, [names.index(each.constant) for each in batch if each.constant])
         gradient, hessian = known.reduced()
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         gradient, hessian = gradient / scale, hessian / scale[:, None] / scale
@@ -197,7 +204,7 @@ def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> list[Family
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same family, nothing projected out, of twice the resolution, and of more as long as that is seen."""
+    """The same family over what motions visit now, of twice the resolution, and of more as long as that is seen."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
     coarse, fitted = fitted, with_detail(data, fitted, family, 1, pool)
@@ -253,24 +260,17 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
 
 
 def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
-    """The same family, nothing projected out, of so many times the resolution."""
+    """The same family over what motions visit now, of so many times the resolution."""
     frequencies = [block.scene.frequency for block in fitted.blocks]
-    curves = [each for each in fitted.hypothesis.terms if each.name in {one.name for one in family.terms}]
-    same = as_stated(fitted.hypothesis, fitted.values, curves)
-    finer = next(each for each in families(same.axes, frequencies, detail, projected=False) if each.name == family.name)
+    same = on_axes(fitted.hypothesis, axes_at(fitted, pool))
+    finer = next(each for each in families(same.axes, frequencies, detail) if each.name == family.name)
     terms, start = [], []
-    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(same.values), strict=True):
+    for term, own in zip(same.terms, same.split(fitted.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)
-        moved = moved_to(term, other, own, same.more.get(term.name, 0.0))
         terms.append(other)
-        start.append(moved / np.array([each.width for each in other.unknowns]))
-    hypothesis, begun = Hypothesis(tuple(terms), same.axes), []
-    values = np.concatenate(start) * np.array([each.width for each in hypothesis.unknowns])
-    for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
-        model = fitted.hypothesis.model(fitted.values, block.scene)
-        said, other = hypothesis.model(values, block.scene), replace(block, hypothesis=hypothesis)
-        begun.append(block.converted(other, model, said, own, same.moved))
-    return fit_to(data, hypothesis, np.concatenate(start), begun, pool, fitted.weight, THOROUGH, fitted.noise)
+        start.append(moved_to(term, other, own) / np.array([each.width for each in other.unknowns]))
+    hypothesis, begun = Hypothesis(tuple(terms), same.axes), np.concatenate(start)
+    return fit_to(data, hypothesis, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
 
 
 @dataclass
@@ -299,8 +299,7 @@ class Step:
 
 def with_family(fitted: Fitted, family: Family, data, pool: Executor, limits: Limits) -> Fitted:
     """The fit with one more family, from its start."""
-    hypothesis = Hypothesis(fitted.hypothesis.terms + family.terms, fitted.hypothesis.axes)
-    start = np.concatenate([fitted.fit.shared, [each.value / each.width for each in family.unknowns]])
+    hypothesis, start = with_more(fitted.hypothesis, fitted.fit.shared, family)
     return fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
@@ -309,8 +308,7 @@ def with_windows_freed(fitted: Fitted, family: Family, data, pool: Executor) -> 
 
     A joined fit may creep along a curved valley where one of free windows goes straight.
     """
-    start = np.concatenate([fitted.fit.shared, [each.value / each.width for each in family.unknowns]])
-    hypothesis = Hypothesis(fitted.hypothesis.terms + family.terms, fitted.hypothesis.axes)
+    hypothesis, start = with_more(fitted.hypothesis, fitted.fit.shared, family)
     free = fit_to(data, hypothesis, start, fitted.fit.own, pool, FREE, SHORT, fitted.noise)
     return joined(data, free, pool, SHORT, fitted.noise)
 
@@ -320,7 +318,9 @@ def candidates(fitted: Fitted, detail: int = 1) -> list[Family]:
     blocks = fitted.blocks
     moving = families(fitted.hypothesis.axes, [block.scene.frequency for block in blocks], detail)
     reading = sensor_families([block.scene.name for block in blocks], min(block.data.rate for block in blocks))
-    return moving + reading
+    stated = [each.name for each in fitted.hypothesis.terms[0].unknowns if math.isfinite(each.std)]
+    wrong = [Family(f"another {name}", f"another {name}", (), constant=name) for name in stated]
+    return moving + reading + wrong
 
 
 Say = Callable[[str], object]
@@ -371,7 +371,7 @@ def forward(
         ]
         chosen = shortlist(scores, level, needed, fitted)
         step = None
-        if chosen and len(steps) < MOST:
+        if chosen and sum(not each.family.constant for each in steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
         if step is None and earlier is None and (other := exchanged(data, fitted, steps, pool, say)) is not None:
             fitted = other
@@ -395,7 +395,7 @@ def exchanged(
     that follows an equation to the noise leaves nothing that a rival could do better.
     """
     for step in steps:
-        if step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT:
+        if step.family.constant or (step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT):
             continue
         close = [family for family, other in step.rivals if other.cost - step.found < LAW_LEFT * step.gain]
         step.rivals = [each for each in step.rivals if each[0] not in close]
@@ -403,8 +403,7 @@ def exchanged(
         for family in close:
             if any(each.family.group == family.group for each in steps):
                 continue
-            start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
-            hypothesis = Hypothesis(rest.terms + family.terms, rest.axes)
+            hypothesis, start = with_more(rest, begun, family)
             other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, LONG, fitted.noise)
             finer = refined(data, other, family, pool)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
@@ -436,6 +435,8 @@ def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score
     """
 
     def error(step: Step) -> float:
+        if step.family.constant:
+            return 0.0
         gain = step.gain_in(fitted)
         if step.named.equation is None:
             return LAW_LEFT**2 * gain
@@ -460,6 +461,9 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
         same = [other for other in chosen if other.family.group == each.family.group]
         if each.gain >= NEAR * called[0].gain and len(same) < 2 and len(chosen) < CANDIDATES:
             chosen.append(each)
+    # a constant is the simplest, and a part of what free laws gain may be its own
+    more = [each for each in called if each.family.constant and each not in chosen]
+    chosen += [each for each in more if each.gain >= NEAR * called[0].gain][:CANDIDATES]
     for each in scores if called else []:
         resonant = each.family.remembers and each.p < level and (far or each.gain > FAINT * called[0].gain)
         if resonant and all(each.family.name != other.family.name for other in chosen):
@@ -553,7 +557,8 @@ def settled(
         say(f"  joined: chi-square {found.per_freedom:.4f}")
     named = Named(family, family.mechanism, None, [])
     gain = max(fitted.cost - found.cost, 1.0)
-    step = Step(family, gain, freedom, fitted, found, named, family.terms, [], pending=not correction)
+    pending = not (correction or family.constant)
+    step = Step(family, gain, freedom, fitted, found, named, family.terms, [], pending=pending)
     return with_form(data, found, step, pool, say)
 
 
@@ -567,7 +572,7 @@ def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Ste
     if named.equation is None and found.per_freedom > CLOSE:
         return replace(step, named=named, after=found)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
-    if named.equation is None or other.cost > found.cost:
+    if family.terms and (named.equation is None or other.cost > found.cost):
         finer = refined(data, found, family, pool)
         fewer = finer.fit.shared.size - other.fit.shared.size
         if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer):
@@ -580,8 +585,9 @@ def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Ste
             named.equation, other, terms = None, both, joint
     if other.per_freedom < CLOSE:
         noise = noise_left(other, pool)
-        other = fit_to(data, other.hypothesis, other.fit.shared, other.fit.own, pool, other.weight, MIDDLING, noise)
-    form = named.equation.name if named.equation else "measured"
+        hypothesis = on_axes(other.hypothesis, axes_at(other, pool))
+        other = fit_to(data, hypothesis, other.fit.shared, other.fit.own, pool, other.weight, MIDDLING, noise)
+    form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return replace(step, after=other, named=named, terms=terms, pending=False)
 
@@ -610,7 +616,7 @@ def backward(
     for step in sorted(steps, key=lambda each: each.gain):
         if len(kept) < 2:
             break
-        rest, begun = without(fitted, step.terms)
+        rest, begun = without(fitted, step.terms, step.family.constant)
         other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
         if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least, penalty(step.freedom, fitted)):
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")

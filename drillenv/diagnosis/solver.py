@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Floats = NDArray[np.float64]
-FARTHEST = 10.0
-"""Standard deviations by which a belief with heavy tails may still be off without a strong reason."""
 
 
 class Quadratic(NamedTuple):
@@ -60,16 +58,13 @@ class Block(Protocol):
 
 @dataclass(frozen=True)
 class Priors:
-    """What is believed of the shared parameters, and the box that they are in. Arrays have shape (k,)."""
+    """Normal priors of the shared parameters, and the box that they are in. Arrays have shape (k,)."""
 
     centre: Floats
     precision: Floats
     """1 / standard deviation; 0 where nothing is believed."""
     low: Floats
     high: Floats
-    freedom: float = np.inf
-    """Degrees of freedom of Student's t, whose heavy tails let a wrong belief go; infinite for a normal prior. What is
-    farther off than ten standard deviations is held back by a wide normal density beside it."""
     dispersion: float = 1.0
     """By which the prior is made as much weightier as the data are over-dispersed: a model that leaves so many times
     the noise must not bend what is known in the place of what is missing."""
@@ -77,18 +72,12 @@ class Priors:
     def cost(self, shared: Floats) -> float:
         """Negative logarithm of the density, 0 at the centre."""
         off = (shared - self.centre) * self.precision
-        if np.isinf(self.freedom):
-            return 0.5 * self.dispersion * float(off @ off)
-        tails = float(np.log1p(off**2 / self.freedom).sum())
-        return 0.5 * self.dispersion * ((self.freedom + 1.0) * tails + float(off @ off) / FARTHEST**2)
+        return 0.5 * self.dispersion * float(off @ off)
 
-    def weights(self, shared: Floats) -> Floats:
-        """(k,) of the squared distances from the centre that have the prior's gradient there."""
-        if np.isinf(self.freedom):
-            return self.dispersion * self.precision**2
-        off = (shared - self.centre) * self.precision
-        tails = (self.freedom + 1.0) / (self.freedom + off**2)
-        return self.dispersion * self.precision**2 * (tails + 1.0 / FARTHEST**2)
+    @property
+    def weights(self) -> Floats:
+        """(k,) of the squared distances from the centre."""
+        return self.dispersion * self.precision**2
 
 
 @dataclass
@@ -213,7 +202,7 @@ def _advanced(blocks: Sequence[Block], point: Floats, own, moves, costs, each: C
 def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: float):
     """Damped Gauss-Newton step of the shared parameters, those of each block, and the gain that they promise."""
     reduced = [eliminated(part, damping) for part in parts]
-    weights = priors.weights(shared)
+    weights = priors.weights
     gradient = sum((each[0] for each in reduced), weights * (shared - priors.centre))
     hessian = sum((each[1] for each in reduced), np.diag(weights))
     full = np.diag(hessian).copy()

@@ -67,6 +67,7 @@ class Outcome:
     plain: Fitted
     final: Fitted
     steps: list[Step]
+    """Mechanisms that were added."""
     named: list[Named]
     tested: Tested
     held: tuple[float, float] | None
@@ -115,9 +116,10 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
             plain = whole if found is begun else resettled(fit_data, begun, final, pool)
             before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
     chi = (chi_square(before), chi_square(after)) if held_data else None
-    verdict = decided(plain, final, steps, chi)
-    named = [step.named for step in steps]
-    return Outcome(verdict, fit_data, held_data, plain, final, steps, named, tested, chi, (before, after))
+    missing = [step for step in steps if not step.family.constant]
+    verdict = decided(plain, final, missing, chi)
+    named = [step.named for step in missing]
+    return Outcome(verdict, fit_data, held_data, plain, final, missing, named, tested, chi, (before, after))
 
 
 def nominal_rig(campaign: Campaign) -> Rig:
@@ -389,6 +391,6 @@ def wrong_constants(final: Fitted) -> list[int]:
     """Constants that are several of their tolerances off."""
     found = []
     for i, (unknown, value) in enumerate(zip(final.hypothesis.unknowns, final.values, strict=True)):
-        if i < len(NAMES) and abs(value - unknown.value) > SEVERAL * unknown.std:
+        if i < len(NAMES) and abs(value - unknown.value) > SEVERAL * unknown.width:
             found.append(i)
     return found
