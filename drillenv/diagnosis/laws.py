@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -309,9 +310,9 @@ class FreeLaws:
         return bsplines((count - 3) * self.detail + 3, at)
 
     def over_depth(self, place: int) -> Floats:
-        """The axis is finer near nothing than a free law needs to be."""
+        """Finer near nothing, where a soft layer or a tip that is round begins."""
         x = self.axes.points(place)
-        return self.splines(7, np.arcsinh(4.0 * x / x[-1]))
+        return self.splines(8, np.arcsinh(SLOW * x / x[-1]))
 
     def over_speed(self, count: int, place: int) -> Floats:
         """Finer at low speeds."""
@@ -429,8 +430,58 @@ def on_axes(hypothesis: Hypothesis, axes: Axes) -> Hypothesis:
     return Hypothesis(tuple(terms), axes)
 
 
-def moved_to(term: Term, other: Term, values: Floats) -> Floats:
-    """Coefficients with which ``other`` has, as nearly as can be, the law of ``term`` with ``values``."""
+STRAIGHT = {
+    predict.LOADING: "loading_stiffness",
+    predict.UNLOADING: "unloading_stiffness",
+    predict.SPRING: "stiffness",
+    predict.SPRING_FROM_REST: "stiffness",
+    predict.DAMPER: "damping",
+    predict.DRIVE: "drive_gain",
+}
+"""Constants whose law is a straight one at the same place."""
+
+
+class Equivalent(NamedTuple):
+    """Parameters of the same motion, what is straight in a law being the law's and not a constant's."""
+
+    axes: Axes
+    values: Floats
+    """Of all parameters, constants as stated."""
+    more: dict[int, Floats]
+    """(GRID,) that tables get, by place."""
+
+
+def as_stated(hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
+    """The same with constants as stated that a law at one of the ``places`` can take up.
+
+    The curved valley of constants that are far off, and of a law that makes up for them, is a long way for a fit.
+    """
+    constants, axes, values = hypothesis.terms[0], hypothesis.axes, values.copy()
+    names = [each.name for each in constants.unknowns]
+    scale, more = axes.scale.copy(), {}
+    for place in places:
+        name = STRAIGHT.get(place, "")
+        # with a stiffness, where the spring is at rest changes, and with that the windows' states
+        if not name or place in SPRINGS or math.isinf(constants.unknowns[names.index(name)].std):
+            continue
+        i = names.index(name)
+        stated, x = constants.unknowns[i].value, axes.points(place)
+        ratio = float(values[i]) / stated
+        if place in LOGARITHMS:
+            more[place] = np.full(GRID, math.log(ratio))
+        else:
+            more[place] = (values[i] - stated) * x if place != predict.DRIVE else x - x / ratio
+        if place == predict.LOADING:
+            # the contact's coordinate is the force over the stiffness
+            scale[list(LOGARITHMS)] *= ratio
+        if place == predict.DRIVE:
+            scale[place] /= ratio
+        values[i] = stated
+    return Equivalent(axes._replace(scale=scale), values, more)
+
+
+def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0) -> Floats:
+    """Coefficients with which ``other`` has, as nearly as can be, the law of ``term`` with ``values`` and ``more``."""
     if isinstance(term, Gain) and isinstance(other, Gain):
         return np.array([term.at(each, values) for each in other.knots])
     if not isinstance(term, Curve) or not isinstance(other, Curve):
@@ -439,7 +490,7 @@ def moved_to(term: Term, other: Term, values: Floats) -> Floats:
     if term.place in (predict.DAMPER, predict.DRIVE, *SPRINGS):
         # of which the level is no part
         columns = np.column_stack([columns, np.ones(GRID)])
-    found = np.linalg.lstsq(columns, values @ term.basis, rcond=None)[0]
+    found = np.linalg.lstsq(columns, values @ term.basis + more, rcond=None)[0]
     return np.asarray(found[: len(other.basis)], dtype=float)
 
 

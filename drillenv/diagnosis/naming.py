@@ -14,7 +14,18 @@ from scipy.stats import chi2
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fitting import Fitted, fit_to
-from drillenv.diagnosis.laws import NUMBERS, PLACE_NAMES, Curve, Equation, Family, Gain, equations, on_axes, wider
+from drillenv.diagnosis.laws import (
+    NUMBERS,
+    PLACE_NAMES,
+    STRAIGHT,
+    Curve,
+    Equation,
+    Family,
+    Gain,
+    equations,
+    on_axes,
+    wider,
+)
 from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats, Limits
@@ -31,15 +42,6 @@ STARTS = 2
 """Starts of an equation that are followed to their end."""
 TENSE = 2.0
 """Stated standard deviations from which a constant may be held back from where an equation would have it."""
-STRAIGHT = {
-    predict.LOADING: "loading_stiffness",
-    predict.UNLOADING: "unloading_stiffness",
-    predict.SPRING: "stiffness",
-    predict.SPRING_FROM_REST: "stiffness",
-    predict.DAMPER: "damping",
-    predict.DRIVE: "drive_gain",
-}
-"""Constants whose law is a straight one at the same place."""
 
 
 @dataclass

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, axes_at, fit_to, joined, kept_of, noise_left, resized
-from drillenv.diagnosis.laws import Curve, Family, Gain, families, moved_to, on_axes
+from drillenv.diagnosis.laws import Curve, Family, Gain, as_stated, families, moved_to, on_axes
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
 from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.sensing import sensor_families
@@ -262,13 +262,15 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
 def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
     """The same family over what motions visit now, of so many times the resolution."""
     frequencies = [block.scene.frequency for block in fitted.blocks]
-    same = on_axes(fitted.hypothesis, axes_at(fitted, pool))
+    known = on_axes(fitted.hypothesis, axes_at(fitted, pool))
+    same = as_stated(known, fitted.values, [each.place for each in family.terms if isinstance(each, Curve)])
     finer = next(each for each in families(same.axes, frequencies, detail) if each.name == family.name)
     terms, start = [], []
-    for term, own in zip(same.terms, same.split(fitted.values), strict=True):
+    for term, own in zip(known.terms, known.split(same.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)
+        more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
         terms.append(other)
-        start.append(moved_to(term, other, own) / np.array([each.width for each in other.unknowns]))
+        start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
     hypothesis, begun = Hypothesis(tuple(terms), same.axes), np.concatenate(start)
     return fit_to(data, hypothesis, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
 
@@ -291,6 +293,8 @@ class Step:
     """Cost of the family's own fit at that step."""
     pending: bool = False
     """Whether the equations have not been tried yet."""
+    fine: bool = False
+    """Whether a finer law has been tried while the model was not close."""
 
     def gain_in(self, fitted: Fitted) -> float:
         """About the gain in as many samples as another fit has."""
@@ -342,6 +346,8 @@ def forward(
     steps = list(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     while True:
+        # a model that has come close is to hold from window to window
+        fitted = joined(data, fitted, pool, THOROUGH, fitted.noise)
         for i, step in enumerate(steps):
             if step.pending and fitted.per_freedom < CLOSE:
                 steps[i] = with_form(data, fitted, step, pool, say)
@@ -373,6 +379,9 @@ def forward(
         step = None
         if chosen and sum(not each.family.constant for each in steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
+        if step is None and (finer := with_finer_law(data, fitted, steps, pool, say)) is not None:
+            fitted = finer
+            continue
         if step is None and earlier is None and (other := exchanged(data, fitted, steps, pool, say)) is not None:
             fitted = other
             continue
@@ -384,6 +393,28 @@ def forward(
         else:
             corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
         fitted = step.after
+
+
+def with_finer_law(
+    data: Sequence[Conditioned], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say
+) -> Fitted | None:
+    """The fit with a finer law where none is called for but the model is not close: corners leave much, coarsely drawn.
+
+    The law that explains most comes first; None where none gets finer.
+    """
+    if fitted.per_freedom < CLOSE:
+        return None
+    for step in sorted(steps, key=lambda each: -each.gain):
+        if step.named.equation is None and not step.fine and step.terms == step.family.terms:
+            step.fine = True
+            finer = refined(data, fitted, step.family, pool)
+            if finer.cost < fitted.cost - penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted):
+                say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
+                names = {each.name for each in step.terms}
+                step.terms = tuple(each for each in finer.hypothesis.terms if each.name in names)
+                step.family = replace(step.family, terms=step.terms)
+                return finer
+    return None
 
 
 def exchanged(

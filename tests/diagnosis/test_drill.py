@@ -10,7 +10,7 @@ from drillenv import Rig
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.coupling import shortening, spring_coordinate
 from drillenv.diagnosis.drill import first_states, no_columns
-from drillenv.diagnosis.laws import axes_of, families, on_axes, wider
+from drillenv.diagnosis.laws import Curve, as_stated, axes_of, families, on_axes, wider
 from drillenv.diagnosis.predict import F_A, F_B, GRID, PLACES, SPRING_FROM_REST, Axes, K, Y
 from drillenv.diagnosis.terms import Hypothesis
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
@@ -51,6 +51,28 @@ def test_a_law_on_wider_axes_moves_the_same(plain, group):
         for each in (block, other)
     )
     assert np.sqrt(np.mean((one - two) ** 2)) < 2e-4 * np.sqrt(np.mean(one**2))
+
+
+@pytest.mark.parametrize(
+    ("group", "wrong"),
+    [("damper", (3,)), ("force-limit", (4,)), ("contact-law", (6,)), ("contact-law", (6, 7))],
+)
+def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
+    """Constants that are a few hundredths off, and what they are off in the law instead."""
+    block, shared, own = with_law(plain, group)
+    shared[list(wrong)] *= 1.03
+    values = shared * block.widths
+    places = [each.place for each in block.hypothesis.terms if isinstance(each, Curve)]
+    same = as_stated(block.hypothesis, values, places)
+    stated = np.array([each.value for each in block.hypothesis.terms[0].unknowns])
+    assert np.allclose(same.values[:8], stated)
+    hypothesis = Hypothesis(block.hypothesis.terms, same.axes)
+    model, other = block.hypothesis.model(values, block.scene), hypothesis.model(same.values, block.scene)
+    for place, more in same.more.items():
+        other.tables[place] += more
+    one = block.integrate(model, own, no_columns(), 0).said
+    two = replace(block, hypothesis=hypothesis).integrate(other, own, no_columns(), 0).said
+    assert np.sqrt(np.mean((one - two) ** 2)) < 1e-3 * np.sqrt(np.mean(one**2))
 
 
 @pytest.mark.parametrize("group", ["spring", "backlash", "damper"])
