@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import erfc
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.predict import Axes
@@ -28,6 +26,9 @@ NAMES = (
     "loading_stiffness",
     "unloading_stiffness",
 )
+TRANSITION = 0.05
+"""Share of the sample rate over which filters of linear phase fall from 92 % to 8 %, roughly: steep converters have
+half of it, short filters twice as much."""
 CORNER = 0.415
 """Share of the sample rate at which anti-alias filters have their corner: between 0.38 and 0.45 as a rule."""
 
@@ -67,32 +68,33 @@ def constants(nominal: Mapping[str, Nominal]) -> Constants:
 
 
 @lru_cache(maxsize=16)
-def anti_alias(over: int) -> Floats:
-    """(4, 2 REACH over + 1) by what filters that loggers have on all channels alike change an impulse.
+def butterworth(over: int) -> Floats:
+    """(2, 2 REACH over + 1) by what a Butterworth filter changes an impulse, and that by the logarithm of its corner.
 
-    On a grid ``over`` times as fine as the samples: a Butterworth filter of sixth order, its constant delay taken off,
-    which does not show, and one of linear phase; each followed by its derivative by the logarithm of its corner.
+    Of sixth order, on a grid ``over`` times as fine as the samples; its constant delay, which does not show, taken off.
     """
     size = 4096 * over
     f = np.fft.rfftfreq(size, 1.0 / over)  # in sample rates
 
-    def butterworth(corner: float) -> NDArray[np.complex128]:
+    def kernel(corner: float) -> Floats:
         poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(6) + 1.0) / 6.0))
         response = np.prod(1.0 / (1j * f[:, None] / corner - poles), axis=1)
-        return response * np.exp(1j * f / corner * np.sum(-1.0 / poles).real)
-
-    def linear(corner: float) -> NDArray[np.complex128]:
-        return 0.5 * erfc((f - corner) / 0.03).astype(complex)
-
-    def kernel(response: NDArray[np.complex128]) -> Floats:
-        whole = np.fft.irfft(response, size)
+        whole = np.fft.irfft(response * np.exp(1j * f / corner * np.sum(-1.0 / poles).real) - 1.0, size)
         return np.concatenate([whole[-REACH * over :], whole[: REACH * over + 1]])
 
-    rows = []
-    for design in (butterworth, linear):
-        rows.append(kernel(design(CORNER) - 1.0))
-        rows.append(kernel((design(1.01 * CORNER) - design(CORNER / 1.01)) / (2.0 * np.log(1.01))))
-    return np.array(rows)
+    by_corner = (kernel(1.01 * CORNER) - kernel(CORNER / 1.01)) / (2.0 * math.log(1.01))
+    return np.array([kernel(CORNER), by_corner])
+
+
+def linear_phase(corner: float, width: float, over: int) -> Floats:
+    """(2 REACH over + 1) by what a filter of linear phase changes an impulse.
+
+    Its response is erfc((f - corner) / width) / 2, frequencies in sample rates: that of a sinc under a Gaussian window.
+    """
+    t = np.arange(-REACH * over, REACH * over + 1) / over
+    made = 2.0 * corner / over * np.sinc(2.0 * corner * t) * np.exp(-((math.pi * width * t) ** 2))
+    made[REACH * over] -= 1.0
+    return made
 
 
 @dataclass(frozen=True)
@@ -103,14 +105,23 @@ class Logger(Term):
         """Of the filter on the fine grid; None where there is none."""
         if not np.any(values):
             return None
-        made = values @ anti_alias(over)
+        share, corner, width = values[2:]
+        made = values[:2] @ butterworth(over)
+        made += share * linear_phase(CORNER * math.exp(corner), TRANSITION * math.exp(width), over)
         made[REACH * over] += 1.0
         return made
 
 
 def logger() -> Logger:
-    """With shares of two filters and what their corners are off, 0 where there is none."""
-    widths = (0.3, 0.05, 0.3, 0.05)
-    stds = (1.0, 0.15, 1.0, 0.15)
-    pairs = zip(widths, stds, strict=True)
-    return Logger("logger", tuple(Unknown(f"logger {i}", 0.0, width, std) for i, (width, std) in enumerate(pairs)))
+    """With shares of two filters, 0 where there is none, and by how much corners and a transition are others.
+
+    Of the Butterworth filter by that times its share; else by logarithms.
+    """
+    parts = (
+        ("logger, share of Butterworth", 0.3, 1.0, math.inf),
+        ("logger, corner of Butterworth", 0.05, 0.15, math.inf),
+        ("logger, share of linear phase", 0.3, 1.0, math.inf),
+        ("logger, corner of linear phase", 0.05, 0.15, 0.3),
+        ("logger, width of linear phase", 0.2, 0.7, 1.4),
+    )
+    return Logger("logger", tuple(Unknown(name, 0.0, width, std, -far, far) for name, width, std, far in parts))

@@ -85,6 +85,11 @@ STIFF, FINEST_PART = 0.5, 32.0
 that the time from one sample to the next is cut into for it."""
 
 
+GRAZING = 2e-3
+"""m/s of a contact's speed below which the jump of the sensitivities is held back: a contact that is grazed comes a
+micrometre earlier or not at all, and what is infinite to first order says nothing of that."""
+
+
 class Axes(NamedTuple):
     """How each place's argument is turned into a position in its table: asinh(x / scale), from low to high."""
 
@@ -484,11 +489,12 @@ def _saltate(z, theta, time, before, after, impacts, s, tables, axes, active, wa
     _rates(z, theta, time, after, impacts, s, tables, axes, active, wave, f1, d)
     normal = before == FLIGHT or after == FLIGHT
     speed = f0[W] if normal else f0[V2] - f0[UD]
+    least = GRAZING if normal else 0.0
     if abs(speed) < 1e-12:
         return
     for j in range(sens.shape[0]):
         off = sens[j, W] if normal else sens[j, V2] - sens[j, UD]
-        share = off / speed
+        share = off * speed / (speed * speed + least * least)
         for i in range(STATES):
             sens[j, i] += (f1[i] - f0[i]) * share
 

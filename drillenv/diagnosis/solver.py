@@ -113,7 +113,8 @@ class Limits(NamedTuple):
 
 def factor(part: Quadratic, damping: float) -> tuple:
     """Cholesky factor of a block's Hessian with damping on its diagonal."""
-    floor = 1e-12 * max(float(np.diag(part.own).max(initial=0.0)), 1e-300)
+    # each by its own size: one that is steep, as where a contact is grazed, must not hold back the others
+    floor = 1e-12 * np.diag(part.own) + 1e-300
     return cho_factor(part.own + np.diag(damping * part.scale + floor), lower=True, check_finite=False)
 
 
