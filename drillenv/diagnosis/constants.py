@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.predict import Axes
@@ -26,9 +28,9 @@ NAMES = (
     "loading_stiffness",
     "unloading_stiffness",
 )
-TRANSITION = 0.05
-"""Share of the sample rate over which filters of linear phase fall from 92 % to 8 %, roughly: steep converters have
-half of it, short filters twice as much."""
+TRANSITION = 0.07
+"""Share of the sample rate over which filters of linear phase fall from 76 % to 8 %: short ones need more, and steep
+ones act above what is fitted."""
 CORNER = 0.415
 """Share of the sample rate at which anti-alias filters have their corner: between 0.38 and 0.45 as a rule."""
 
@@ -68,33 +70,38 @@ def constants(nominal: Mapping[str, Nominal]) -> Constants:
 
 
 @lru_cache(maxsize=16)
-def butterworth(over: int) -> Floats:
-    """(2, 2 REACH over + 1) by what a Butterworth filter changes an impulse, and that by the logarithm of its corner.
+def anti_alias(over: int) -> Floats:
+    """(5, 2 REACH over + 1) by what filters that loggers have on all channels alike change an impulse.
 
-    Of sixth order, on a grid ``over`` times as fine as the samples; its constant delay, which does not show, taken off.
+    On a grid ``over`` times as fine as the samples: a Butterworth filter of sixth order, its constant delay taken off,
+    which does not show, and its derivative by the logarithm of its corner; one of linear phase, and its derivatives by
+    the logarithms of its corner and of its transition's width. All linear: filters themselves have several optima.
     """
     size = 4096 * over
     f = np.fft.rfftfreq(size, 1.0 / over)  # in sample rates
 
-    def kernel(corner: float) -> Floats:
+    def butterworth(corner: float) -> Floats:
         poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(6) + 1.0) / 6.0))
         response = np.prod(1.0 / (1j * f[:, None] / corner - poles), axis=1)
-        whole = np.fft.irfft(response * np.exp(1j * f / corner * np.sum(-1.0 / poles).real) - 1.0, size)
+        return kernel(response * np.exp(1j * f / corner * np.sum(-1.0 / poles).real) - 1.0)
+
+    def linear_phase(corner: float, width: float = TRANSITION) -> Floats:
+        return kernel(0.5 * erfc((f - corner) / width) - 1.0)
+
+    def kernel(response: NDArray) -> Floats:
+        whole = np.fft.irfft(response, size)
         return np.concatenate([whole[-REACH * over :], whole[: REACH * over + 1]])
 
-    by_corner = (kernel(1.01 * CORNER) - kernel(CORNER / 1.01)) / (2.0 * math.log(1.01))
-    return np.array([kernel(CORNER), by_corner])
-
-
-def linear_phase(corner: float, width: float, over: int) -> Floats:
-    """(2 REACH over + 1) by what a filter of linear phase changes an impulse.
-
-    Its response is erfc((f - corner) / width) / 2, frequencies in sample rates: that of a sinc under a Gaussian window.
-    """
-    t = np.arange(-REACH * over, REACH * over + 1) / over
-    made = 2.0 * corner / over * np.sinc(2.0 * corner * t) * np.exp(-((math.pi * width * t) ** 2))
-    made[REACH * over] -= 1.0
-    return made
+    higher, lower, step = 1.01, 1.0 / 1.01, 2.0 * math.log(1.01)
+    return np.array(
+        [
+            butterworth(CORNER),
+            (butterworth(higher * CORNER) - butterworth(lower * CORNER)) / step,
+            linear_phase(CORNER),
+            (linear_phase(higher * CORNER) - linear_phase(lower * CORNER)) / step,
+            (linear_phase(CORNER, higher * TRANSITION) - linear_phase(CORNER, lower * TRANSITION)) / step,
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -105,23 +112,18 @@ class Logger(Term):
         """Of the filter on the fine grid; None where there is none."""
         if not np.any(values):
             return None
-        share, corner, width = values[2:]
-        made = values[:2] @ butterworth(over)
-        made += share * linear_phase(CORNER * math.exp(corner), TRANSITION * math.exp(width), over)
+        made = values @ anti_alias(over)
         made[REACH * over] += 1.0
         return made
 
 
 def logger() -> Logger:
-    """With shares of two filters, 0 where there is none, and by how much corners and a transition are others.
-
-    Of the Butterworth filter by that times its share; else by logarithms.
-    """
+    """With shares of two filters, 0 where there is none, and those times what corners and a width are off."""
     parts = (
-        ("logger, share of Butterworth", 0.3, 1.0, math.inf),
-        ("logger, corner of Butterworth", 0.05, 0.15, math.inf),
-        ("logger, share of linear phase", 0.3, 1.0, math.inf),
-        ("logger, corner of linear phase", 0.05, 0.15, 0.3),
-        ("logger, width of linear phase", 0.2, 0.7, 1.4),
+        ("logger, share of Butterworth", 0.3, 1.0),
+        ("logger, corner of Butterworth", 0.05, 0.15),
+        ("logger, share of linear phase", 0.3, 1.0),
+        ("logger, corner of linear phase", 0.05, 0.15),
+        ("logger, width of linear phase", 0.2, 0.5),
     )
-    return Logger("logger", tuple(Unknown(name, 0.0, width, std, -far, far) for name, width, std, far in parts))
+    return Logger("logger", tuple(Unknown(name, 0.0, width, std) for name, width, std in parts))
