@@ -200,3 +200,21 @@ def test_with_the_shortening_at_rest_its_curve_moves(bench, kind):
     behind[kind] -= step
     difference = (bench.run(s=ahead, tables=tables)[1] - bench.run(s=behind, tables=tables)[1]) / (2.0 * step)
     assert apart(bench, by_column[:, 0], difference) < 0.01
+
+
+def test_a_contact_that_is_left_at_next_to_no_speed_says_little(bench):
+    """A window that begins pressed, whose indenter leaves the rock just as it stops: met in a campaign."""
+    s = np.zeros(P.SCALARS)
+    s[: P.RATIO + 1] = [265.364698, 2.98878161, 75301.497, 2545.65039, 452.349791, 157.641541, 12074311.8, 1.0823512]
+    begin = np.zeros((1, P.STATES))
+    begin[0, :4] = 2.10750419e-03, -1.07984894e-04, -6.36024386e-03, 4.19875301e-07
+    n, none = 656, bench.columns()
+    by_state, ends = np.zeros((2, 4, n)), np.zeros((1, 4, 7))
+    active = np.zeros(P.PLACES, dtype=bool)
+    wave = P.Wave(np.zeros(3), np.zeros(3), np.zeros(3))
+    P.run(np.array([0, n]), begin, False, 51200.0, 4, 500.771053, -0.0612026489, 0.0, s, np.zeros((P.PLACES, P.GRID)),
+          bench.axes, active, active, wave, none, 4, 4, np.zeros((7, 0)), np.zeros((2, n)), by_state,
+          np.zeros((2, 0, n)), np.zeros((1, 7)), ends, np.zeros((1, 0, 7)))  # fmt: skip
+    # a force by a depth is a stiffness, and little more after one blow
+    assert np.abs(by_state).max() < 1e3 * s[P.K_L]
+    assert np.abs(ends).max() < 1e6

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.linalg import cho_solve
 
-from drillenv.diagnosis.solver import Limits, Priors, Quadratic, minimise
+from drillenv.diagnosis.solver import Limits, Priors, Quadratic, factor, minimise
 
 
 @dataclass
@@ -154,6 +155,15 @@ def test_a_bouncing_ball():
     spread = np.sqrt(np.diag(found.covariance))
     assert abs(found.shared[0] - g) < 4.0 * spread[0]
     assert abs(found.shared[1] - e) < 4.0 * spread[1]
+
+
+def test_a_steep_unknown_does_not_hold_back_the_others():
+    """As where a contact is grazed, and what comes after depends on the state before by many powers of ten."""
+    curvature = np.array([1e26, 1.0, 1e-3])
+    part = Quadratic(
+        0.0, curvature.copy(), np.zeros(0), np.diag(curvature), np.zeros((3, 0)), np.zeros((0, 0)), curvature
+    )
+    assert np.allclose(cho_solve(factor(part, 0.0), part.by_own), 1.0, rtol=1e-6)
 
 
 def test_over_dispersion_makes_priors_weightier():
