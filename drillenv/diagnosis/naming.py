@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,6 +17,7 @@ from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import (
+    LOGARITHMS,
     NUMBERS,
     PLACE_NAMES,
     STRAIGHT,
@@ -40,6 +43,8 @@ MOST = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
 STARTS = 2
 """Starts of an equation that are followed to their end."""
+FARTHEST_SHIFT = 2.0
+"""Share of its range by which a spring's law may be counted from elsewhere."""
 TENSE = 2.0
 """Stated standard deviations from which a constant may be held back from where an equation would have it."""
 
@@ -120,27 +125,30 @@ def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
     return model
 
 
-def absorbed(place: int, model: Model, axes: Axes, off: Floats) -> dict[str, float]:
-    """What a change (GRID,) of a place's table amounts to as a change of constants, in their units."""
-    x, s = axes.points(place), model.s
-    if place == predict.LOADING:
-        return {"loading_stiffness": float(off.mean()) * s[predict.K_L]}
-    if place == predict.UNLOADING:
-        return {"unloading_stiffness": float(off.mean()) * s[predict.K_L] * s[predict.RATIO]}
-    constant = {predict.SPRING: "stiffness", predict.SPRING_FROM_REST: "stiffness", predict.DAMPER: "damping"}
-    if place not in constant:
-        return {}
-    return {constant[place]: float(np.polynomial.polynomial.polyfit(x, off, 1)[1])}
+def as_law(place: int, axes: Axes, stated: float, other: float) -> Floats:
+    """(GRID,) what another value of the constant whose law is straight at a place is as a part of the law there."""
+    x, ratio = axes.points(place), other / stated
+    if place in LOGARITHMS:
+        return np.full(GRID, math.log(ratio))
+    return x * (ratio - 1.0) if place == predict.DRIVE else (other - stated) * x
 
 
 def same_forces(axes: Axes, model: Model, other: Model) -> Axes:
-    """Axes on which laws of ``other`` stand for the forces of the rock for which those of ``model`` stand on ``axes``.
+    """Axes on which laws of ``other`` stand for the same forces of rock and drive as those of ``model`` on ``axes``.
 
-    The contact's coordinate is the force over the loading stiffness, which may differ.
+    The contact's coordinate is the force over the loading stiffness, which may differ, and so may the drive's gain.
     """
     scale = axes.scale.copy()
+    scale[predict.DRIVE] *= other.s[predict.F_A] / model.s[predict.F_A]
     scale[[predict.LOADING, predict.UNLOADING]] *= model.s[predict.K_L] / other.s[predict.K_L]
     return axes._replace(scale=scale)
+
+
+def shifted(axes: Axes, share: float) -> Axes:
+    """Axes on which a spring's law stands a share of its range further on: where it has no force, no recording says."""
+    low = axes.low.copy()
+    low[predict.SPRING] += share * axes.step[predict.SPRING] * (GRID - 1)
+    return axes._replace(low=low)
 
 
 def precision_of(fitted: Fitted, family: Family) -> Floats:
@@ -156,8 +164,18 @@ def precision_of(fitted: Fitted, family: Family) -> Floats:
     return np.asarray(np.linalg.cholesky(precision), dtype=float)
 
 
-def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[tuple[Floats, Floats]]:
-    """Constants and parameters with which an equation comes nearest to the free law, from each start, the best first.
+class Rival(NamedTuple):
+    """An equation that could stand for a family's law."""
+
+    equation: Term
+    starts: list[tuple[Floats, Floats]]
+    """Constants and parameters with which it begins, in the solver's units, the best first."""
+    worse: float
+    """By how much it is worse than the law from the best of them, in log-likelihood, by the quadratic about the law."""
+
+
+def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
+    """Where an equation comes nearest to the free law, from each of its own starts.
 
     Nearest by the quadratic of the log-likelihood about the free fit, so that a law counts where recordings say
     something of it. Constants move with it: a free law leaves to them what they can take up, an equation need not.
@@ -173,43 +191,46 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> list[tuple[
     names = [each.name for each in constants.unknowns]
     width = np.array([each.width for each in (*constants.unknowns, *equation.unknowns)])
     count = own.size
-    logarithmic = np.array([each in ("loading_stiffness", "unloading_stiffness") for each in names])
+    straight = {place: names.index(STRAIGHT[place]) for place in curves if place in STRAIGHT}
+    believed = np.array([each.std for each in constants.unknowns])
+    stated = np.array([each.value for each in constants.unknowns])
 
     def misfit(scaled: Floats) -> Floats:
-        values, rows = scaled * width, []
+        values, shift, rows = scaled[:-1] * width, scaled[-1], []
         tables = np.zeros((PLACES, GRID))
         for model, scene in zip(found, scenes, strict=True):
             tried = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
             constants.contribute(values[:count], tried, scene, axes)
-            equation.contribute(values[count:], tried, scene, same_forces(axes, model, tried))
+            equation.contribute(values[count:], tried, scene, shifted(same_forces(axes, model, tried), shift))
             tables += (tried.tables - model.tables) / len(scenes)
             for i in (*NUMBERS.values(), predict.F_A):
                 if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
                     rows.append(np.atleast_1d(np.log(max(tried.s[i], 1e-12) / model.s[i])))
         if factor is None:
-            return np.concatenate([*rows, 1e-2 * (scaled[:count] - own / width[:count])])
-        # a stiffness and a factor on it are the same, however large
-        change = np.where(logarithmic, own * np.log(values[:count] / own), values[:count] - own)
-        for place in curves:
-            for name, by in absorbed(place, found[0], axes, tables[place]).items():
-                change[names.index(name)] += by
+            return np.concatenate([*rows, 1e-2 * (scaled[:count] - own / width[:count]), [0.0]])
+        change, priors = values[:count] - own, [1e-3 * shift]
+        for place, i in straight.items():
+            # with the law free, the constant stays where it is
+            tables[place] += as_law(place, axes, own[i], values[i])
+            change[i] = 0.0
+            priors.append((values[i] - stated[i]) / believed[i])
         parts = [curves[place] @ tables[place] / widths[place] for place in curves]
-        return factor.T @ np.concatenate([change / width[:count], *parts])
+        return np.concatenate([factor.T @ np.concatenate([change / width[:count], *parts]), priors])
 
     bounds = [(each.low, each.high) for each in (*constants.unknowns, *equation.unknowns)]
     low, high = (np.array(each) / width for each in zip(*bounds, strict=True))
+    low, high = np.append(low, -FARTHEST_SHIFT), np.append(high, FARTHEST_SHIFT)
     made = []
-    stated = np.array([each.value for each in constants.unknowns])
     for begun, start in product((own, stated), equation.form.starts):
-        at = np.clip(np.append(begun, start) / width, low, high)
+        at = np.clip(np.append(np.append(begun, start) / width, 0.0), low, high)
         result = least_squares(misfit, at, bounds=(low - 1e-12, high + 1e-12), max_nfev=100)
-        made.append((float(result.cost), result.x))
+        made.append((float(result.cost), result.x[:-1]))
     made.sort(key=lambda each: each[0])
     chosen = [made[0][1]]
     for _, values in made[1:]:
         if len(chosen) < STARTS and all(np.max(np.abs(values - each)) > 0.2 for each in chosen):
             chosen.append(values)
-    return [(each[:count], each[count:]) for each in chosen]
+    return Rival(equation, [(each[:count], each[count:]) for each in chosen], made[0][0] if curves else 0.0)
 
 
 def places_of(family: Family) -> tuple[list[int], list[str]]:
@@ -223,11 +244,8 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
     return places, numbers
 
 
-def rivals(fitted: Fitted, family: Family) -> list[tuple[Term, list[tuple[Floats, Floats]]]]:
-    """The library's equations that could stand for a family's law, with where constants and parameters begin.
-
-    Both are in the solver's units.
-    """
+def rivals(fitted: Fitted, family: Family) -> list[Rival]:
+    """The library's equations that could stand for a family's law, the nearest first."""
     if isinstance(family.terms[0], Sensor):
         names = [block.scene.name for block in fitted.blocks]
         rate = min(block.data.rate for block in fitted.blocks)
@@ -237,10 +255,11 @@ def rivals(fitted: Fitted, family: Family) -> list[tuple[Term, list[tuple[Floats
         constants = fitted.fit.shared[: len(fitted.hypothesis.terms[0].unknowns)]
         starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
         return [
-            (each, [(constants, values / np.array([one.width for one in each.unknowns])) for values in begun])
+            Rival(each, [(constants, values / np.array([one.width for one in each.unknowns])) for values in begun], 0.0)
             for each, begun in starts
         ]
-    return [(each, starts_of(fitted, family, each)) for each in equations(*places_of(family))]
+    found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
+    return sorted(found, key=lambda each: each.worse)
 
 
 def rate_of(fitted: Fitted) -> float:
@@ -305,7 +324,9 @@ def name_law(
     rest, kept = without(fitted, family.terms)
     rest = on_axes(rest, wider(rest.axes))
     done = False
-    for equation, starts in rivals(fitted, family):
+    for equation, starts, worse in rivals(fitted, family):
+        if tried and worse > gain:
+            continue
         for constants, values in starts:
             hypothesis = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, kept[constants.size :], values])

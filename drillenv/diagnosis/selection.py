@@ -27,7 +27,6 @@ from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
     FALSE_ALARMS,
-    LAW_ERROR,
     LAW_LEFT,
     LEFT,
     NEAR,
@@ -472,7 +471,7 @@ def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score
         if step.named.equation is None:
             return LAW_LEFT**2 * gain
         own = [each.gain for each in scores if each.family.group == step.family.group]
-        return min(LAW_LEFT**2 * gain, max(own, default=LAW_ERROR**2 * gain))
+        return min(LAW_LEFT**2 * gain, max(own, default=math.inf))
 
     left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
     return min(max(map(error, steps), default=0.0), 0.5 * left)

@@ -375,10 +375,11 @@ def chi_square(blocks: Sequence[Settled]) -> float:
 def decided(plain: Fitted, final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None) -> Verdict:
     """The verdict."""
     left = final.per_freedom - 1.0
-    much = max(LEFT, LEFT_OF_ALL * (plain.per_freedom - 1.0))
+    # a model that is not close explains nothing, whatever it started from
+    much = min(max(LEFT, LEFT_OF_ALL * (plain.per_freedom - 1.0)), CLOSE - 1.0)
     if held is not None:
-        much_held = max(2.0 * LEFT, 2.0 * LEFT_OF_ALL * (held[0] - 1.0))
-        if held[1] - 1.0 > much_held:
+        much_held = min(max(LEFT, LEFT_OF_ALL * (held[0] - 1.0)), CLOSE - 1.0)
+        if held[1] - 1.0 > 2.0 * much_held:
             return "unexplained"
     if left > much or any(step.family.outside for step in steps):
         return "unexplained"
