@@ -276,6 +276,14 @@ def kind_of_response(term: Term, values: Floats, rate: float) -> str:
     return "accelerometer-lowpass" if float(gain.min()) < 1.0 - LEVEL else "channel-delay"
 
 
+def kind_of_spring(fitted: Fitted, family: Family) -> str:
+    """What a spring's law is: one whose force rises less and less saturates, one whose force rises more hardens."""
+    x = fitted.hypothesis.axes.points(predict.SPRING)
+    law = law_of(fitted, family.terms, fitted.blocks[0].scene).tables[predict.SPRING]
+    bend = np.linalg.lstsq(np.column_stack([np.ones(GRID), x, x * np.abs(x)]), law)[0][2]
+    return "force-limit" if bend < 0.0 else "stiffness-hardening"
+
+
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:
     """Where a sensor's equation begins: of its starts, those whose response is nearest to the free one."""
     begun = np.array([each.value for each in sensor.unknowns])
@@ -350,7 +358,9 @@ def name_law(
         return Named(family, family.mechanism, None, []), fitted
     best, found = tried[0]
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
-    mechanism = effect_of(best) if found.cost - fitted.cost < MOST * gain else family.mechanism
+    mechanism = kind_of_spring(fitted, family) if family.group == "spring" else family.mechanism
+    if found.cost - fitted.cost < MOST * gain:
+        mechanism = effect_of(best)
     if isinstance(best, Sensor) and family.group == "accelerometer":
         mechanism = kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate_of(fitted))
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
