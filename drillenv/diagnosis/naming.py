@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.constants import Constants
 from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import (
     LOGARITHMS,
@@ -88,6 +89,13 @@ def effect_of(term: Term) -> str:
     return "mains-hum" if term.name.startswith("hum") else term.name
 
 
+def constants_of(hypothesis: Hypothesis) -> Constants:
+    """The paper's model, a hypothesis' first term."""
+    first = hypothesis.terms[0]
+    assert isinstance(first, Constants)
+    return first
+
+
 def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[Hypothesis, Floats]:
     """The hypothesis less some of its terms, or with a constant as stated, and where a fit stands by its parameters.
 
@@ -98,7 +106,7 @@ def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[
     kept = [each.name not in names for each in whole.terms]
     left = [each for each, stays in zip(whole.terms, kept, strict=True) if stays]
     if constant:
-        left[0] = left[0].held(constant)
+        left[0] = constants_of(whole).held(constant)
     parts = [part for part, stays in zip(whole.split(fitted.fit.shared), kept, strict=True) if stays]
     return Hypothesis(tuple(left), whole.axes), np.concatenate(parts)
 
@@ -107,7 +115,7 @@ def with_more(hypothesis: Hypothesis, begun: Floats, family: Family) -> tuple[Hy
     """A hypothesis with one more family, and where its parameters begin, in the solver's units."""
     terms = [*hypothesis.terms, *family.terms]
     if family.constant:
-        terms[0] = terms[0].freed(family.constant)
+        terms[0] = constants_of(hypothesis).freed(family.constant)
     start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
     return Hypothesis(tuple(terms), hypothesis.axes), start
 
@@ -307,14 +315,14 @@ def with_constant_freed(data: Sequence[Conditioned], fitted: Fitted, equation: T
 
     A lab that has fitted its constants without the mechanism states what both are together.
     """
-    constants = fitted.hypothesis.terms[0]
+    constants = constants_of(fitted.hypothesis)
     places = [PLACE_NAMES.index(each) for each in equation.form.laws] if isinstance(equation, Equation) else []
     for place in places:
         name = STRAIGHT.get(place, "")
         i = next((i for i, each in enumerate(constants.unknowns) if each.name == name), None)
         if i is None or abs(fitted.values[i] - constants.unknowns[i].value) < TENSE * constants.unknowns[i].std:
             continue
-        terms = (constants.freed(name), *fitted.hypothesis.terms[1:])  # type: ignore[attr-defined]
+        terms = (constants.freed(name), *fitted.hypothesis.terms[1:])
         hypothesis = Hypothesis(terms, fitted.hypothesis.axes)
         start, own = fitted.fit.shared, fitted.fit.own
         return fit_to(data, hypothesis, start, own, pool, fitted.weight, THOROUGH, fitted.noise)

@@ -351,20 +351,8 @@ def forward(
             if step.pending and fitted.per_freedom < CLOSE:
                 steps[i] = with_form(data, fitted, step, pool, say)
                 fitted = steps[i].after
-        measured = {step.family.group for step in steps if step.named.equation is None}
-        named = {step.family.group: step.gain_in(fitted) for step in steps if step.family.group not in measured}
-        # of a mechanism that follows an equation, a free law may still correct it
-        tried = [
-            each
-            for each in candidates(fitted)
-            if each.group not in measured and not (each.remembers and each.group in named)
-            if possible is None or each.name in possible
-        ]
-        if fitted.per_freedom > 1.0 + LEFT:
-            for kind in KINDS:
-                if kind.mechanism not in measured and kind.mechanism not in named:
-                    tried += at_best_frequency(fitted, kind, pool)
-        scores, level = score_tests(fitted, tried, pool)
+        named = {step.family.group: step.gain_in(fitted) for step in steps if step.named.equation is not None}
+        scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool), pool)
         level = level if earlier is None else min(level, earlier.level)
         # beside a law that is itself not exact, chance is not all that a gain has to exceed
         least = errors_of_laws(fitted, steps, scores)
@@ -392,6 +380,26 @@ def forward(
         else:
             corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
         fitted = step.after
+
+
+def still_possible(
+    fitted: Fitted, steps: Sequence[Step], possible: Collection[str] | None, pool: Executor
+) -> list[Family]:
+    """Families that are not there yet, of these names where any are given."""
+    there = {step.family.group for step in steps}
+    measured = {step.family.group for step in steps if step.named.equation is None}
+    # of a mechanism that follows an equation, a free law may still correct it
+    found = [
+        each
+        for each in candidates(fitted)
+        if each.group not in measured and not (each.remembers and each.group in there)
+        if possible is None or each.name in possible
+    ]
+    if fitted.per_freedom > 1.0 + LEFT:
+        for kind in KINDS:
+            if kind.mechanism not in there:
+                found += at_best_frequency(fitted, kind, pool)
+    return found
 
 
 def with_finer_law(
