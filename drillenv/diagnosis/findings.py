@@ -210,7 +210,12 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
     model = law_of(final, step.terms, final.blocks[0].scene)
     made = []
     for term in step.terms:
-        if not isinstance(term, Curve):
+        if isinstance(term, Equation) and term.remembers:
+            # of a mount, its equation alone: curves over its own motion are no effects
+            own = term.parameters(final.values_of(term.name))
+            symbols = [each.symbol for each in REGISTRY[term.effect].parameters]
+            made.append(make(term.effect, **dict(zip(symbols, own, strict=True))))
+        if not isinstance(term, Curve) or term.place in (predict.MOUNT_SPRING, predict.MOUNT_DAMPER):
             continue
         x = final.hypothesis.axes.points(term.place)
         y = model.tables[term.place]

@@ -32,9 +32,13 @@ PLACE_NAMES = (
     "indenter",
     "drive-waveform",
     "drive-curve",
+    "mount-spring",
+    "mount-damper",
 )
 """In the order of the integrator's places."""
 SPRINGS = (predict.SPRING, predict.SPRING_FROM_REST)
+LEAST = 1e-9
+"""Range in m or m/s of an axis over what does not move: of a mount that is not there."""
 LOGARITHMS = (predict.LOADING, predict.UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
 NUMBERS = {
@@ -51,6 +55,8 @@ SLOW = 30.0
 MOST_IMPACTS = 1000.0
 """On a face of the rock: as many as a rig makes in the seconds before a recording and in it."""
 NO_FORM = Form("", (), ())
+MOUNT_LAW = "mount law"
+"""The family that corrects a mount, where there is one."""
 
 
 @dataclass(frozen=True)
@@ -227,10 +233,13 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     for place, values in ((predict.SPRING, y), (predict.SPRING_FROM_REST, beyond)):
         low, high = span(values)
         ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
+    u, giving = (np.concatenate([p[i] for p in paths]) for i in (predict.U, predict.UD))
+    given = max(float(np.percentile(np.abs(u), 99.8)), LEAST)
+    ranges[predict.MOUNT_SPRING] = (-given, given, 1e3 * given)
     # dry friction changes its sign within less than a sample
-    speeds = ((predict.DAMPER, v1 - v2), (predict.GUIDE, v1), (predict.INDENTER, v2))
+    speeds = ((predict.DAMPER, v1 - v2), (predict.GUIDE, v1), (predict.INDENTER, v2), (predict.MOUNT_DAMPER, giving))
     for place, values in speeds:
-        largest = float(np.percentile(np.abs(values), 99.8))
+        largest = max(float(np.percentile(np.abs(values), 99.8)), LEAST)
         ranges[place] = (-largest, largest, largest / 300.0)
     scale = np.array([ranges[place][2] for place in range(PLACES)])
     low = np.arcsinh(np.array([ranges[place][0] for place in range(PLACES)]) / scale)
@@ -299,7 +308,7 @@ class FreeLaws:
         if place in (predict.DAMPER, predict.DRIVE):
             # a force that is there at all times is the pressure's
             basis = _through_zero(basis)
-        if place in SPRINGS:
+        if place in (*SPRINGS, predict.MOUNT_SPRING):
             # where a spring is at rest, no recording says
             basis = basis - basis.mean(axis=1, keepdims=True)
         free = smoothest_first(normalised(basis))
@@ -331,7 +340,8 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
     A law holds what is straight in it: which share of that is a constant's, the constants' priors say.
     """
     free = FreeLaws(axes, detail)
-    return [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies), *_remembering()]
+    acting = [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies)]
+    return [*acting, *_remembering(), _mounting(free)]
 
 
 def _contact(free: FreeLaws) -> list[Family]:
@@ -449,6 +459,13 @@ class Equivalent(NamedTuple):
     """Of all parameters, constants as stated."""
     more: dict[int, Floats]
     """(GRID,) that tables get, by place."""
+
+
+def _mounting(free: FreeLaws) -> Family:
+    """What a mount that is one mass on spring and damper is corrected by: it stiffens, or its clamps are dry."""
+    spring = free.curve("mount-spring", 5.0, predict.MOUNT_SPRING, free.splines(8))
+    damper = free.curve("mount-damper", 5.0, predict.MOUNT_DAMPER, free.odd_over_speed(predict.MOUNT_DAMPER))
+    return Family(MOUNT_LAW, "rock-mount-compliance", (spring, damper))
 
 
 def as_stated(hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:

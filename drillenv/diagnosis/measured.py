@@ -210,7 +210,10 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
         x = np.linspace(0.0, 5e3, POINTS)
 
         def give(m: Model) -> Floats:
-            return m.s[predict.MOUNT_GAIN] / max(m.s[predict.MOUNT_SQUARE], 1e-9) * x
+            u = np.linspace(0.0, 4.0 * x[-1] * m.s[predict.MOUNT_GAIN] / max(m.s[predict.MOUNT_SQUARE], 1e-9), 2000)
+            held = m.s[predict.MOUNT_SQUARE] * u + _at(m, axes, predict.MOUNT_SPRING, u)
+            held -= _at(m, axes, predict.MOUNT_SPRING, u[:1])
+            return np.interp(m.s[predict.MOUNT_GAIN] * x, np.maximum.accumulate(held), u)
 
         return Shown("steady force on the rock", "N", "m", x, give)
     if isinstance(family.terms[0], Sinusoid):

@@ -40,8 +40,10 @@ STATE_NAMES = ("y", "v1", "v2", "w", "u", "u'", "q")
     INDENTER,
     WAVEFORM,
     DRIVE,
-) = range(12)
-PLACES = 12
+    MOUNT_SPRING,
+    MOUNT_DAMPER,
+) = range(14)
+PLACES = 14
 GRID = 641
 """Points of a table."""
 MARGIN = 160.0
@@ -76,7 +78,7 @@ LARGEST_LOG = 5.0
 CURVE, ON_SHAKER, ON_INDENTER, MODULATION = -1, -2, -3, -4
 
 FLIGHT, ON_LOADING, ON_UNLOADING = 0, 1, 2
-SAID = 14
+SAID = 16
 """Numbers that :func:`_rates` says of a state beside its rates."""
 MOST_PARTS = 400
 """Of one step; more is a motion that sticks at a switch."""
@@ -162,7 +164,7 @@ def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
 
     d: 0 dR/dw, 1 dR/dv2, 2 dF_c/dy, 3 dF_c/dv1, 4 friction slope of the shaker, 5 of the indenter, 6 kappa,
     7 dkappa/dw, 8 stiffness factor, 9 rate factor, 10 slope of the drive's curve, 11 waveform, 12 its slope, 13 slope
-    of the curve over the shortening beyond that at rest.
+    of the curve over the shortening beyond that at rest, 14 and 15 of those over the mount's deflection and speed.
     """
     into, closing = z[V2] - z[UD], z[V1] - z[V2]
     rock, rock_w, rock_v, kappa, kappa_w, factor, rate = 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0
@@ -230,11 +232,18 @@ def _rates(z, theta, time, regime, impacts, s, tables, axes, active, wave, f, d)
         turned = wave.turn[1] * time
         push2 += wave.sine[1] * math.sin(turned) + wave.cosine[1] * math.cos(turned)
     f[Y], f[V1], f[V2], f[W] = closing, push1 / s[M1], push2 / s[M2], kappa * into
+    mounted, mounted_u, mounted_v = 0.0, 0.0, 0.0
+    if active[MOUNT_SPRING]:
+        mounted, mounted_u = _look(tables, axes, MOUNT_SPRING, z[U])
+    if active[MOUNT_DAMPER]:
+        more, mounted_v = _look(tables, axes, MOUNT_DAMPER, z[UD])
+        mounted += more
     f[U] = z[UD]
-    f[UD] = s[MOUNT_GAIN] * rock - s[MOUNT_SQUARE] * z[U] - s[MOUNT_DAMPING] * z[UD]
+    f[UD] = s[MOUNT_GAIN] * rock - s[MOUNT_SQUARE] * z[U] - s[MOUNT_DAMPING] * z[UD] - mounted
     f[Q] = s[AIR_STIFFNESS] * z[V1] - s[AIR_RATE] * z[Q]
     d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7] = rock_w, rock_v, stiff, damped, held1_v, held2_v, kappa, kappa_w
     d[8], d[9], d[10], d[11], d[12], d[13] = factor, rate, bent, shape, shape_v, from_rest
+    d[14], d[15] = mounted_u, mounted_v
     return rock
 
 
@@ -248,7 +257,7 @@ def _jacobian(z, s, d, j):
     j[V2, W], j[V2, UD] = -d[0] / s[M2], d[1] / s[M2]
     j[W, V2], j[W, UD], j[W, W] = d[6], -d[6], (z[V2] - z[UD]) * d[7]
     j[U, UD] = 1.0
-    j[UD, U], j[UD, UD] = -s[MOUNT_SQUARE], -s[MOUNT_DAMPING] - s[MOUNT_GAIN] * d[1]
+    j[UD, U], j[UD, UD] = -s[MOUNT_SQUARE] - d[14], -s[MOUNT_DAMPING] - s[MOUNT_GAIN] * d[1] - d[15]
     j[UD, W], j[UD, V2] = s[MOUNT_GAIN] * d[0], s[MOUNT_GAIN] * d[1]
     j[Q, V1], j[Q, Q] = s[AIR_STIFFNESS], -s[AIR_RATE]
 
@@ -300,6 +309,8 @@ def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, sc
     curve[INDENTER, V2] = -1.0 / m2
     curve[WAVEFORM, V2] = s[F_A] * d[10] / m2
     curve[DRIVE, V2] = 1.0 / m2
+    curve[MOUNT_SPRING, UD] = -1.0
+    curve[MOUNT_DAMPER, UD] = -1.0
     for place in range(PLACES):
         if not wanted[place]:
             continue
@@ -321,6 +332,10 @@ def _forcings(z, f, rock, theta, regime, impacts, s, axes, wanted, d, scalar, sc
             x = z[V2]
         elif place == WAVEFORM:
             x = theta - 2.0 * math.pi * math.floor(theta / (2.0 * math.pi))
+        elif place == MOUNT_SPRING:
+            x = z[U]
+        elif place == MOUNT_DAMPER:
+            x = z[UD]
         else:
             x = s[F_A] * d[11]
         at[place] = _at(axes, place, x)
@@ -532,9 +547,9 @@ def _changes(z, f, rock, time, omega, s, d, wave, out):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _fastest(z, s, d):
     """The fastest rate (1/s) of the laws that act: decay, or three times the angular frequency of rock or mount."""
-    decay = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2])
+    decay = max(abs(d[7] * (z[V2] - z[UD])), abs(d[4]) / s[M1], abs(d[5]) / s[M2], abs(d[15]))
     rock = abs(d[0] * d[6])
-    turning = max(rock / s[M2], s[MOUNT_SQUARE] + s[MOUNT_GAIN] * rock)
+    turning = max(rock / s[M2], s[MOUNT_SQUARE] + abs(d[14]) + s[MOUNT_GAIN] * rock)
     return max(decay, 3.0 * math.sqrt(turning))
 
 

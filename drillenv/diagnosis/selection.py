@@ -15,9 +15,9 @@ from scipy.stats import chi2
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, axes_at, fit_to, joined, kept_of, noise_left, resized
-from drillenv.diagnosis.laws import Curve, Family, Gain, as_stated, families, moved_to, on_axes
+from drillenv.diagnosis.laws import MOUNT_LAW, Curve, Family, Gain, as_stated, families, moved_to, on_axes
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
-from drillenv.diagnosis.predict import STATES
+from drillenv.diagnosis.predict import MOUNT_GAIN, STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, Kind, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
@@ -319,7 +319,9 @@ def with_windows_freed(fitted: Fitted, family: Family, data, pool: Executor) -> 
 def candidates(fitted: Fitted, detail: int = 1) -> list[Family]:
     """Every family that a fit may be given, of the motion and of the sensors."""
     blocks = fitted.blocks
+    mounted = fitted.hypothesis.model(fitted.values, blocks[0].scene).s[MOUNT_GAIN] > 0.0
     moving = families(fitted.hypothesis.axes, [block.scene.frequency for block in blocks], detail)
+    moving = [each for each in moving if mounted or each.name != MOUNT_LAW]
     reading = sensor_families([block.scene.name for block in blocks], min(block.data.rate for block in blocks))
     stated = [each.name for each in fitted.hypothesis.terms[0].unknowns if math.isfinite(each.std)]
     wrong = [Family(f"another {name}", f"another {name}", (), constant=name) for name in stated]

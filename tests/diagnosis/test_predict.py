@@ -14,11 +14,13 @@ from tests.diagnosis.truth import rig_of, rock_of
 CURVES = {
     P.LOADING: 0.2, P.UNLOADING: 0.2, P.RATE_FACTOR: 0.1, P.RATE_FORCE: 40.0, P.COMPACTION: -0.2, P.SPRING: 15.0,
     P.SPRING_FROM_REST: 15.0, P.DAMPER: 15.0, P.GUIDE: 15.0, P.INDENTER: 15.0, P.WAVEFORM: 0.1, P.DRIVE: 20.0,
+    P.MOUNT_SPRING: 8.0, P.MOUNT_DAMPER: 8.0,
 }  # fmt: skip
 """A strength of each place's curve."""
 REACH = {
     P.LOADING: 1e-4, P.UNLOADING: 1e-4, P.RATE_FACTOR: 0.4, P.RATE_FORCE: 0.4, P.COMPACTION: 100.0, P.SPRING: 5e-3,
     P.SPRING_FROM_REST: 2e-3, P.DAMPER: 0.4, P.GUIDE: 5e-3, P.INDENTER: 0.4, P.WAVEFORM: 7.0, P.DRIVE: 600.0,
+    P.MOUNT_SPRING: 5e-5, P.MOUNT_DAMPER: 0.05,
 }  # fmt: skip
 """The largest argument at each place."""
 
@@ -147,12 +149,16 @@ def test_derivatives_by_curves(bench, place):
     """About a curve that is there; a force over speed jumps at each contact, where the sensitivities do too."""
     x = bench.axes.points(place) / REACH[place]
     shape = CURVES[place] * (x + 0.5 * x**2)
-    tables = np.zeros((P.PLACES, P.GRID))
+    tables, s, size = np.zeros((P.PLACES, P.GRID)), bench.s.copy(), 4
     tables[place] = shape
-    by_column = bench.run(tables=tables, columns=bench.columns((), [place], [shape]))[3]
+    if place in (P.MOUNT_SPRING, P.MOUNT_DAMPER):
+        s[[P.MOUNT_GAIN, P.MOUNT_SQUARE, P.MOUNT_DAMPING]] = 0.02, (2.0 * np.pi * 150.0) ** 2, 200.0
+        size = 7
+    by_column = bench.run(s=s, size=size, tables=tables, columns=bench.columns((), [place], [shape]))[3]
     step = 1e-5
     one, two = (tables * (1.0 + sign * step) for sign in (1.0, -1.0))
-    difference = (bench.run(tables=one)[1] - bench.run(tables=two)[1]) / (2.0 * step)
+    difference = bench.run(s=s, size=size, tables=one)[1] - bench.run(s=s, size=size, tables=two)[1]
+    difference /= 2.0 * step
     assert apart(bench, by_column[:, 0], difference) < 0.02
 
 
