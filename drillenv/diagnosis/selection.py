@@ -623,10 +623,10 @@ def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Ste
         if both.cost < other.cost - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
-    if other.per_freedom < CLOSE:
-        noise = noise_left(other, pool)
-        hypothesis = on_axes(other.hypothesis, axes_at(other, pool))
-        other = fit_to(data, hypothesis, other.fit.shared, other.fit.own, pool, other.weight, MIDDLING, noise)
+    close = other.per_freedom < CLOSE
+    noise, limits = (noise_left(other, pool), MIDDLING) if close else (other.noise, SHORT)
+    hypothesis = on_axes(other.hypothesis, axes_at(other, pool))
+    other = fit_to(data, hypothesis, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return replace(step, after=other, named=named, terms=terms, pending=False)
