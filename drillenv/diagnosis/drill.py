@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
-from scipy.signal import upfirdn
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned, thin, thinning
@@ -29,6 +29,7 @@ from drillenv.diagnosis.coupling import (
     spring_coordinate,
     spring_slope,
 )
+from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
 from drillenv.diagnosis.predict import (
     COMPACTION,
@@ -107,8 +108,28 @@ def decimated(signals: Floats, kernel: Floats | None, fine: int, thinned: int) -
     # as many whole samples on either side of the middle
     reach = math.ceil((whole.size // 2) / over)
     whole = np.pad(whole, reach * over - whole.size // 2)
-    made = upfirdn(whole, signals, 1, over, axis=-1)
-    return made[..., reach : reach + signals.shape[-1] // over]
+    rows = np.ascontiguousarray(signals).reshape(-1, signals.shape[-1])
+    made = np.empty((len(rows), rows.shape[1] // over))
+    _filter_decimate(rows, whole[::-1].copy(), over, made)
+    return made.reshape(*signals.shape[:-1], made.shape[1])
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})
+def _filter_decimate(rows, taps, over, made):
+    """Rows (m, n) by centred taps, reversed, at one sample in ``over``, into made (m, n // over); 0 beyond the ends.
+
+    As scipy.signal.upfirdn, whose inner loop is over one sample at a time, several times as fast.
+    """
+    half, n = taps.size // 2, rows.shape[1]
+    for i in range(rows.shape[0]):
+        for j in range(made.shape[1]):
+            begin = j * over - half
+            low, high = max(0, -begin), min(taps.size, n - begin)
+            # loops over slices, whose indices cannot be negative, are made into vector instructions
+            own, there, total = taps[low:high], rows[i, begin + low : begin + high], 0.0
+            for k in range(own.size):
+                total += own[k] * there[k]
+            made[i, j] = total
 
 
 def no_columns() -> Columns:
@@ -633,7 +654,9 @@ class Recorded:
         for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
             for j in range(own.size):
                 changed: dict[int, Floats] = {}
-                if term.moves:
+                if isinstance(term, Curve):
+                    changed = {term.place: term.basis[j]}
+                elif term.moves:
                     step = 1e-4 * unknowns[first + j].width
                     ahead = own.copy()
                     ahead[j] += step
@@ -653,22 +676,27 @@ class Recorded:
         moved = np.tensordot(mixing.T, seen, 1)
         slow = self.scene._replace(rate=self.data.rate)
         read = self.read(values, raw.said)
-        first = 0
+        at, rows, first = [], [], 0
         for i, (term, own) in enumerate(zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True)):
-            split = self.hypothesis.split(values)
             adds = type(term).sense is Term.sense and type(term).kernel is Term.kernel
             for j in range(own.size if term.senses else 0):
                 step = 1e-4 * term.unknowns[j].width
-                split[i] = own.copy()
-                split[i][j] += step
+                ahead = own.copy()
+                ahead[j] += step
                 if adds:
-                    before, after = (term.add(each, slow, n, int(self.data.starts[0])) for each in (own, split[i]))
+                    before, after = (term.add(each, slow, n, int(self.data.starts[0])) for each in (own, ahead))
                     more = None if before is None or after is None else after - before
                 else:
+                    split = self.hypothesis.split(values)
+                    split[i] = ahead
                     more = self.read(np.concatenate(split), raw.said) - read
-                if more is not None:
-                    moved[first + j] += self.judged_only(more[:, self.judged]) / step
+                # what is of another recording changes nothing here
+                if more is not None and more.any():
+                    at.append(first + j)
+                    rows.append(more[:, self.judged] / step)
             first += own.size
+        if rows:
+            moved[at] += self.judged_only(np.array(rows))
         return moved * self.widths[:, None, None]
 
 

@@ -387,7 +387,7 @@ def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
     # a parabola, or what fewer frequencies can tell
     distinct = np.unique(np.round(frequencies, 1)).size
     knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
-    waveform = free.curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * free.detail + 2)))
+    waveform = free.curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * free.detail + 6)))
     limit = free.curve("drive", 10.0, predict.DRIVE, free.splines(9))
     droop = (
         Gain("gain", _named("gain", knots.size, 0.05), predict.F_A, knots),

@@ -352,7 +352,8 @@ def name_law(
                     data, hypothesis, other.fit.shared, other.fit.own, pool, fitted.weight, THOROUGH, fitted.noise
                 )
             fewer = family.size - len(equation.unknowns)
-            if not Named.does_as_well(other.cost - fitted.cost, gain, fewer):
+            as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer)
+            if not as_well and other.cost - fitted.cost < MOST * gain:
                 other = with_constant_freed(data, other, equation, pool)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))

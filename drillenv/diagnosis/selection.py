@@ -292,8 +292,8 @@ class Step:
     """Cost of the family's own fit at that step."""
     pending: bool = False
     """Whether the equations have not been tried yet."""
-    fine: bool = False
-    """Whether a finer law has been tried while the model was not close."""
+    detail: int = 1
+    """The resolution of its law that was tried last while the model was not close."""
 
     def gain_in(self, fitted: Fitted) -> float:
         """About the gain in as many samples as another fit has."""
@@ -353,17 +353,15 @@ def forward(
             if step.pending and fitted.per_freedom < CLOSE:
                 steps[i] = with_form(data, fitted, step, pool, say)
                 fitted = steps[i].after
-        named = {step.family.group: step.gain_in(fitted) for step in steps if step.named.equation is not None}
+        named = {step.family.group for step in steps if step.named.equation is not None}
         scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool), pool)
         level = level if earlier is None else min(level, earlier.level)
-        # beside a law that is itself not exact, chance is not all that a gain has to exceed
-        least = errors_of_laws(fitted, steps, scores)
-        best = ", ".join(f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f})" for each in scores[:5])
-        say(f"score tests: {best}; p below {level:.2g}, gain above {least:.1f}")
-        needed = [
-            max(LAW_LEFT**2 * named.get(each.family.group, 0.0), least, penalty(each.freedom, fitted) if steps else 0.0)
-            for each in scores
-        ]
+        needed = [least_gain(each, fitted, steps, scores) for each in scores]
+        best = ", ".join(
+            f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f}) of {least:.1f}"
+            for each, least in zip(scores[:5], needed, strict=False)
+        )
+        say(f"score tests: {best}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
         step = None
         if chosen and sum(not each.family.constant for each in steps) < MOST:
@@ -414,9 +412,10 @@ def with_finer_law(
     if fitted.per_freedom < CLOSE:
         return None
     for step in sorted(steps, key=lambda each: -each.gain):
-        if step.named.equation is None and not step.fine and step.terms == step.family.terms:
-            step.fine = True
-            finer = refined(data, fitted, step.family, pool)
+        curved = any(isinstance(each, Curve | Gain) for each in step.terms)
+        if curved and step.named.equation is None and step.detail < DETAILS[-1] and step.terms == step.family.terms:
+            step.detail *= 2
+            finer = with_detail(data, fitted, step.family, step.detail, pool)
             if finer.cost < fitted.cost - penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted):
                 say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
                 names = {each.name for each in step.terms}
@@ -465,6 +464,18 @@ def criterion(other: Fitted, fitted: Fitted) -> float:
 def penalty(freedom: int, fitted: Fitted) -> float:
     """Log-likelihood that parameters have to gain (G. Schwarz, Annals of Statistics 6 (1978) 461-464)."""
     return 0.5 * freedom * float(np.log(fitted.samples))
+
+
+def least_gain(score: Score, fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
+    """Log-likelihood that a family has to gain beside chance: where a law that was found is not exact, that is not all.
+
+    What corrects an equation has to gain more than the equation may leave in a model that comes close.
+    """
+    least = penalty(score.freedom, fitted) if steps else 0.0
+    others = [step for step in steps if step.family.group != score.family.group]
+    own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
+    left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
+    return max(least, errors_of_laws(fitted, others, scores), left)
 
 
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:

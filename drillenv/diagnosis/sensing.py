@@ -193,10 +193,15 @@ class Added(Sensor):
             return None
         places, waves = max(1, len(self.names)), max(1, 2 * len(self.orders))
         frequency = values[0] if len(values) > 2 * places * waves else self.frequency
-        turned = TWO_PI * frequency * np.arange(n) / scene.rate
-        shapes = [wave(order * turned) for order in self.orders for wave in (np.sin, np.cos)] or [np.ones(n)]
         sizes = values[-2 * places * waves :].reshape(places, 2, waves)
-        return sizes[self.names.index(scene.name) if self.names else 0] @ np.array(shapes)
+        return sizes[self.names.index(scene.name) if self.names else 0] @ _waves(frequency / scene.rate, self.orders, n)
+
+
+@lru_cache(256)
+def _waves(frequency: float, orders: tuple[int, ...], n: int) -> Floats:
+    """(2 orders, n) sine and cosine of each order of a frequency in cycles per sample, or (1, n) ones without any."""
+    turned = TWO_PI * frequency * np.arange(n)
+    return np.array([wave(order * turned) for order in orders for wave in (np.sin, np.cos)] or [np.ones(n)])
 
 
 def _free(names: Sequence[str], width: float, unit: str = "1") -> tuple[Unknown, ...]:

@@ -89,7 +89,7 @@ class Fit:
     cost: float
     """Negative log-likelihood with the priors."""
     parts: list[Quadratic]
-    """Of each block, at the end."""
+    """Of each block, at the end or at most a step before it that gained next to nothing."""
     hessian: Floats
     """(k, k) of the shared parameters, own unknowns eliminated, priors included."""
     converged: bool
@@ -176,12 +176,14 @@ def minimise(
         gain = sum(costs) + priors.cost(shared) - sum(cost for cost, _ in tried) - priors.cost(point)
         steps += 1
         if np.isfinite(gain) and gain > 0.0:
-            shared, own, costs, parts = point, [x for _, x in tried], [cost for cost, _ in tried], []
+            shared, own, costs = point, [x for _, x in tried], [cost for cost, _ in tried]
             damping *= max(0.1, 1.0 - (2.0 * gain / max(promised, 1e-12) - 1.0) ** 3)
             damping, growth = max(damping, 1e-9), 2.0
             if gain < little and damping < 1.0:
+                # so near to where the derivatives were taken that those say how sure the parameters are
                 converged = True
                 break
+            parts = []
         else:
             damping, growth = damping * growth, 2.0 * growth
             if damping > 1e8:

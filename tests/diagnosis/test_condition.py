@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import upfirdn
 
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import of_library
@@ -149,6 +150,15 @@ def test_a_model_is_thinned_as_the_recording_is(fine, factor):
     there = slice(20, -20)
     assert decimated(signal, kernel, fine, factor)[there] == pytest.approx(thin(logged, factor)[there])
     assert decimated(signal, None, fine, factor) == pytest.approx(thin(signal[::fine], factor))
+
+
+def test_filtering_and_decimation_are_those_of_scipy():
+    """At all samples, those at the ends too, where a signal is 0 beyond."""
+    rng = np.random.default_rng(6)
+    signals, kernel = rng.standard_normal((3, 2, 400)), rng.standard_normal(33)
+    expected = upfirdn(kernel, signals, 1, 1, axis=-1)[..., 16:416:1]
+    assert decimated(signals, kernel, 1, 1) == pytest.approx(expected)
+    assert decimated(np.asfortranarray(signals), kernel, 1, 1) == pytest.approx(expected)
 
 
 def test_a_recording_is_thinned_to_what_is_enough():

@@ -85,3 +85,16 @@ def test_the_same_law_is_found_among_finer_functions():
     left = moved_to(term, finer, own) @ finer.basis - own @ term.basis
     # but for a level, of which recordings say nothing
     assert np.ptp(left) < 0.02 * np.ptp(own @ term.basis)
+
+
+def test_a_waveform_of_the_lowest_resolution_holds_crossover_distortion():
+    """No force while the drive changes its sign: a coarser waveform would lose to a curve over force."""
+    theta = AXES.points(predict.WAVEFORM)
+    drive = np.sin(theta)
+    lost = np.clip(drive, -0.15, 0.15)
+    # what is of the first order, and constant, is of constants
+    own = np.column_stack([drive, np.cos(theta), np.ones_like(theta)])
+    lost = lost - own @ np.linalg.lstsq(own, lost)[0]
+    basis = curve("drive-harmonics").basis.T
+    left = lost - basis @ np.linalg.lstsq(basis, lost)[0]
+    assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(lost**2))

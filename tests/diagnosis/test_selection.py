@@ -1,0 +1,51 @@
+"""What a family has to gain beside laws that are not exact."""
+
+from types import SimpleNamespace as Fake
+from typing import Any
+
+import pytest
+
+from drillenv.diagnosis.selection import least_gain, penalty
+from drillenv.diagnosis.thresholds import LAW_LEFT
+
+SAMPLES = 20_000
+
+
+def fit(per_freedom: float) -> Any:
+    return Fake(per_freedom=per_freedom, samples=SAMPLES)
+
+
+def score(group: str, gain: float, freedom: int = 8) -> Any:
+    return Fake(family=Fake(group=group), gain=gain, freedom=freedom)
+
+
+def step(group: str, gain: float, equation: object) -> Any:
+    return Fake(
+        family=Fake(group=group, constant="", terms=(group,)),
+        named=Fake(equation=equation),
+        gain_in=lambda fitted: gain,
+    )
+
+
+def test_beside_nothing_chance_alone_is_to_be_exceeded():
+    assert least_gain(score("damper", 50.0), fit(1.5), [], []) == 0.0
+
+
+def test_what_a_law_leaves_is_held_against_other_mechanisms():
+    there = [step("contact-law", 1e5, None)]
+    assert least_gain(score("damper", 50.0), fit(1.5), there, []) == pytest.approx(LAW_LEFT**2 * 1e5)
+
+
+def test_a_correction_of_an_equation_is_spared_in_close_models_only():
+    """However much an equation explains, what it leaves in a model that is not close is not to be put up with."""
+    there = [step("mount", 1e6, "one mass")]
+    correction = score("mount", 5e3)
+    close, far = (least_gain(correction, fit(chi_square), there, [correction]) for chi_square in (1.2, 3.0))
+    assert close == pytest.approx(LAW_LEFT**2 * 1e6)
+    assert far == pytest.approx(penalty(correction.freedom, fit(3.0)))
+
+
+def test_what_an_equation_leaves_is_what_its_own_correction_gains():
+    there = [step("mount", 1e6, "one mass")]
+    scores = [score("mount", 400.0), score("damper", 300.0)]
+    assert least_gain(scores[1], fit(1.5), there, scores) == pytest.approx(400.0)
