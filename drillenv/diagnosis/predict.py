@@ -81,11 +81,15 @@ FLIGHT, ON_LOADING, ON_UNLOADING = 0, 1, 2
 SAID = 16
 """Numbers that :func:`_rates` says of a state beside its rates."""
 MOST_PARTS = 400
-"""Of one step; more is a motion that sticks at a switch."""
+"""Of one step; a motion that needs more is given up."""
 STIFF, FINEST_PART = 0.5, 32.0
 """A step times the fastest rate of the law that acts, or three times its angular frequency, at most; and the most parts
 that the time from one sample to the next is cut into for it."""
 
+
+DIVERGED, STUCK = -1.0, -2.0
+"""What :func:`run` returns for a motion that cannot be followed: it left all bounds, or did not come to the end of a
+step in ``MOST_PARTS`` parts."""
 
 GRAZING = 2e-3
 """m/s of a contact's speed below which the jump of the sensitivities is held back: a contact that is grazed comes a
@@ -444,11 +448,18 @@ def _transition(h, size, phi, work):
 def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active, wave, work, ahead, middle, halfway):
     """Length of the step that ends at the switch; ahead holds the state after h, and then that at the switch.
 
-    By the Illinois variant of regula falsi, and by bisection where both the depth and the speed have changed sign.
+    By the Illinois variant of regula falsi, and by bisection where both the depth and the speed have changed sign. A
+    step that begins on the guard, as each flight does at its departure, has a root there, which is divided out
+    (deflation).
     """
     by_depth = regime == FLIGHT or ahead[W] < 0.0
     low, high = 0.0, h
     before, after = (z[W], ahead[W]) if by_depth else (z[V2] - z[UD], ahead[V2] - ahead[UD])
+    least = 1e-14 if by_depth else 1e-11
+    deflate = abs(before) < least
+    if deflate:
+        before, after = (f[W] if by_depth else f[V2] - f[UD]), after / h
+        least = 1e-9 * abs(before)
     turned = (ahead[V2] - ahead[UD]) * (1.0 if regime == ON_LOADING else -1.0) < 0.0
     falsi = before * after < 0.0 and not (by_depth and regime != FLIGHT and turned)
     part, value = h, after
@@ -458,7 +469,9 @@ def _event(z, f, theta, time, omega, h, regime, impacts, s, tables, axes, active
         _step(z, f, theta, time, omega, part, regime, impacts, s, tables, axes, active, wave, work, ahead, middle,
               halfway)  # fmt: skip
         value = ahead[W] if by_depth else ahead[V2] - ahead[UD]
-        if high - low < 1e-13 or (falsi and abs(value) < (1e-14 if by_depth else 1e-11)):
+        if deflate:
+            value /= part
+        if high - low < 1e-13 or (falsi and abs(value) < least):
             break
         if _crossed(ahead, regime):
             high = part
@@ -598,7 +611,7 @@ def run(starts, begin, chained, rate, stride, omega, phase, impacts, s, tables, 
         ends, ends_by_state, ends_by_column: (windows, 7), (windows, states, 7), (windows, columns, 7).
 
     Returns:
-        Impacts at the end, negative where a motion left all bounds.
+        Impacts at the end, or ``DIVERGED`` or ``STUCK``.
     """
     count = columns.kind.size
     sensitive = states + count > 0
@@ -689,10 +702,8 @@ def run(starts, begin, chained, rate, stride, omega, phase, impacts, s, tables, 
                     angle = phase + omega * t0
                     if sensitive:
                         _saltate(z, angle, t0, before, regime, impacts, s, tables, axes, active, wave, sens, d)
-                    if regime == FLIGHT:
-                        z[W] = min(z[W], 0.0)
-                    elif before == FLIGHT:
-                        z[W] = max(z[W], 0.0)
+                    if regime == FLIGHT or before == FLIGHT:
+                        z[W] = 0.0
                     rock = _rates(z, angle, t0, regime, impacts, s, tables, axes, active, wave, f, d)
                     if count > 0:
                         _fill(columns, z, f, rock, d, angle, t0, regime, impacts, s, axes, wanted, store, force,
@@ -702,13 +713,15 @@ def run(starts, begin, chained, rate, stride, omega, phase, impacts, s, tables, 
                         _read(sens, states, d, s, force, force_rock, slopes)
                 if left <= 1e-13:
                     break
+            if left > 1e-13:
+                return STUCK
+            if not abs(z[V2]) < 100.0:
+                return DIVERGED
             while sample < last:
-                # a motion that sticks at a switch has not come to the end of the step
+                # a sample that rounding puts just behind the end of the step
                 for i in range(2):
                     said[i, sample] = now[i]
                 sample += 1
-            if not abs(z[V2]) < 100.0:
-                return -1.0
         for i in range(STATES):
             ends[window, i] = z[i]
             for j in range(states):

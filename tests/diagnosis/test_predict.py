@@ -9,6 +9,10 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.rig import Constants, Controls, Motion, Physics, move
 from drillenv.diagnosis import predict as P
 from drillenv.diagnosis.condition import condition
+from drillenv.dynamics.effects import make
+from drillenv.dynamics.general import run_general
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import ROCKS
 from tests.diagnosis.truth import rig_of, rock_of
 
 CURVES = {
@@ -224,3 +228,55 @@ def test_a_contact_that_is_left_at_next_to_no_speed_says_little(bench):
     # a force by a depth is a stiffness, and little more after one blow
     assert np.abs(by_state).max() < 1e3 * s[P.K_L]
     assert np.abs(ends).max() < 1e6
+
+
+def from_rest(setting, rock, mount, samples, stride=1):
+    """21 periods of the paper's rig from rest, of so many samples each, on a mount (kg, m/N, damping ratio).
+
+    In steps of ``stride`` samples at most. Returns what the integrator returns, and the rock's force.
+    """
+    rig, n, (mass, compliance, ratio) = Rig(), 21 * samples, mount
+    rate, turn = samples * setting.frequency, 1.0 / np.sqrt(mass * compliance)
+    s = np.zeros(P.SCALARS)
+    s[[P.M1, P.M2, P.K, P.C]] = rig.shaker_mass, rig.indenter_mass, rig.stiffness, rig.damping
+    s[P.F_A], s[P.F_B] = rig.drive_force(setting), rig.static_force(setting)
+    s[P.K_L], s[P.RATIO] = rock.loading_stiffness, rock.unloading_stiffness / rock.loading_stiffness
+    s[[P.MOUNT_GAIN, P.MOUNT_SQUARE, P.MOUNT_DAMPING]] = 1.0 / mass, turn**2, 2.0 * ratio * turn
+    begin = np.zeros((1, P.STATES))
+    begin[0, P.Y] = s[P.F_B] / s[P.K]
+    axes = P.Axes(np.ones(P.PLACES), np.full(P.PLACES, -1.0), np.full(P.PLACES, 2.0 / (P.GRID - 1)))
+    flat, off, said = np.zeros((P.PLACES, P.GRID)), np.zeros(P.PLACES, dtype=bool), np.zeros((2, n))
+    wave = P.Wave(np.zeros(3), np.zeros(3), np.zeros(3))
+    end = P.run(np.array([0, n]), begin, False, rate, stride, 2.0 * np.pi * setting.frequency, 0.0, 0.0, s, flat, axes,
+                off, off, wave, Bench.columns(), 0, P.STATES, np.zeros((P.STATES, 0)), said, np.zeros((2, 0, n)),
+                np.zeros((2, 0, n)), np.zeros((1, 7)), np.zeros((1, 0, 7)), np.zeros((1, 0, 7)))  # fmt: skip
+    return end, said[0]
+
+
+@pytest.mark.parametrize("samples", [191, 195, 203])
+def test_a_flight_shorter_than_a_step_is_followed(samples):
+    """The departure once passed for the landing: the contact chattered, and the rest of the step was lost."""
+    setting, rock, mount = Setting(58.69982935, 0.50118732, 1.37662741), ROCKS[4], (40.0, 2e-8, 0.08)
+    impacts, force = from_rest(setting, rock, mount, samples)
+    mounted = make("rock-mount-compliance", m_r=mount[0], s_r=mount[1], zeta_r=mount[2])
+    rate = samples * setting.frequency
+    true = run_general(Rig(), setting, rock, 21.0 / setting.frequency, rate, effects=[mounted], rtol=1e-9)
+    assert impacts == true.impacts.time.size
+    assert np.mean(force) == pytest.approx(np.mean(true.force[:-1]), rel=1e-5)
+
+
+def test_no_random_run_sticks():
+    """Of 400 runs like these, three lost a part of a step in silence."""
+    rng = np.random.default_rng(1)
+    for _ in range(400):
+        setting = Setting(rng.uniform(50.0, 120.0), rng.uniform(0.3, 0.6), rng.uniform(0.6, 1.8))
+        mount = rng.uniform(10.0, 100.0), rng.uniform(5e-9, 5e-8), rng.uniform(0.02, 0.2)
+        rock = ROCKS[int(rng.integers(1, 7))]
+        assert from_rest(setting, rock, mount, int(1.0 / (84e-6 * setting.frequency)))[0] > 0.0
+
+
+def test_a_motion_that_needs_too_many_parts_of_a_step_says_so():
+    """A light and stiff mount, in steps of 1.7 ms: the rest of such a step was lost."""
+    setting, mount = Setting(80.0, 0.5, 1.2), (0.1, 5e-9, 0.08)
+    assert from_rest(setting, ROCKS[4], mount, 148, stride=20)[0] == P.STUCK
+    assert from_rest(setting, ROCKS[4], mount, 148, stride=5)[0] > 0.0
