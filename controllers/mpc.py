@@ -226,7 +226,7 @@ def true_present(rig: Snapshot) -> Present:
     parts.layers[layer:, plant.LAYER_END] = math.inf
     rock = float(parts.layers[layer, plant.LAYER_KL]), float(parts.layers[layer, plant.LAYER_KU])
     pressure, lag = float(parts.memories[plant.PRESSURE]), float(parts.memories[plant.LAG])
-    return Present(replace(rig, arrays=tuple(parts), general=None), rock, pressure, lag)
+    return Present(replace(rig, arrays=tuple(parts), hybrid=None), rock, pressure, lag)
 
 
 class Mpc:

@@ -175,15 +175,15 @@ def _rigs(learner: Learner) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]
     arrays["truths"] = np.stack([state.rig.truth for state in states])
     arrays["readings"] = np.stack([state.rig.seen for state in states])
     arrays["rewards"] = np.array([state.rig.reward for state in states])
-    return arrays, [{"generator": state.noise, "general": _general_record(state.rig.general)} for state in states]
+    return arrays, [{"generator": state.noise, "hybrid": _hybrid_record(state.rig.hybrid)} for state in states]
 
 
-def _general_record(general: Any) -> dict[str, Any] | None:
-    """What the general engine keeps of a rig, where it drives it."""
-    if general is None:
+def _hybrid_record(hybrid: Any) -> dict[str, Any] | None:
+    """What the hybrid engine keeps of a rig, where it drives it."""
+    if hybrid is None:
         return None
-    effects = {name: {symbol: float(value) for symbol, value in each.items()} for name, each in general.effects.items()}
-    return {"effects": effects, "z": general.z.tolist(), "peak": float(general.peak)}
+    effects = {name: {symbol: float(value) for symbol, value in each.items()} for name, each in hybrid.effects.items()}
+    return {"effects": effects, "d": hybrid.motion.d.tolist(), "z": hybrid.motion.z.tolist()}
 
 
 def _put_rigs(learner: Learner, arrays: Mapping[str, np.ndarray], records: list[dict[str, Any]]) -> None:
@@ -200,19 +200,20 @@ def _put_rigs(learner: Learner, arrays: Mapping[str, np.ndarray], records: list[
             arrays["truths"][i],
             arrays["readings"][i],
             float(arrays["rewards"][i]),
-            _general(record["general"]),
+            _hybrid(record["hybrid"]),
         )
         envs.set_state(EnvState(rig, record["generator"], window, None), [i])
     # set_state starts the count of steps anew; the monitor has counted the same steps
     envs._elapsed[:] = arrays["episode_lengths"]
 
 
-def _general(record: dict[str, Any] | None) -> Any:
+def _hybrid(record: dict[str, Any] | None) -> Any:
     if record is None:
         return None
-    from drillenv.env.general_plant import GeneralSnapshot
+    from drillenv.dynamics.hybrid.model import Motion
+    from drillenv.env.hybrid_plant import HybridSnapshot
 
-    return GeneralSnapshot(record["effects"], np.array(record["z"]), record["peak"])
+    return HybridSnapshot(record["effects"], Motion(np.array(record["d"]), np.array(record["z"])))
 
 
 def _generators() -> tuple[dict[str, np.ndarray], dict[str, Any]]:

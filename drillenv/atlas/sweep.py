@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, choice, count, number
-from drillenv.dynamics import motion_general
+from drillenv.dynamics import motion_hybrid
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import (
     COSINE,
@@ -324,7 +324,7 @@ def sweep(
             take, or effects that do not act on the motion, are given twice, or let it grow without bound.
     """
     setting, chosen, rig = checked_place(setting, rock, rig)
-    beyond = motion_general.effects_meant(effects)
+    beyond = motion_hybrid.effects_meant(effects)
     over = choice("over", over, tuple(CONTROLS))
     values = _values(over, start, stop, step)
     wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
@@ -431,25 +431,21 @@ def _run_with(
     points = np.zeros(len(values), SWEEP_POINT)
     place = None
     for point, value in zip(points, values.tolist(), strict=True):
-        section = motion_general.Section(*place_at(setting, rock, over, value), rig, effects)
-        found = motion_general.settle_on(section, place or section.fresh(), wait, patience)
+        section = motion_hybrid.Section(*place_at(setting, rock, over, value), rig, effects)
+        found = motion_hybrid.settle_on(section, place or section.fresh(), wait, patience)
         place = found.place
         point["value"] = value
         for name in SURVEY.names or ():
             point[name] = _field(found, name)
-        forces, decelerations = motion_general.peaks(section, found, MOST_PEAKS)
+        forces, decelerations = motion_hybrid.peaks(section, found, MOST_PEAKS)
         point["peaks"] = forces.size
         point["peak_forces"], point["peak_accelerations"] = _padded(forces), _padded(decelerations)
         move(1)
     return points
 
 
-def _field(found: motion_general.Settled, name: str) -> Any:
+def _field(found: motion_hybrid.Settled, name: str) -> Any:
     """What SURVEY calls so."""
-    if name == "point":
-        return found.place.z[:4]
-    if name == "regime":
-        return found.place.regime
     return found.multipliers[:4] if name == "multipliers" else getattr(found, name)
 
 

@@ -12,29 +12,16 @@ from scipy.interpolate import BSpline
 
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.coupling import look
+from drillenv.diagnosis.equations import Around, acts_at, curve_at, parameters_of, scalars_of
 from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Hypothesis, Model, Scene, Term, Unknown
+from drillenv.dynamics.constitutive import places as constitutive
 from drillenv.dynamics.effects import REGISTRY, Parameter
-from drillenv.dynamics.forms import Around, Form
+from drillenv.dynamics.forms import Form
 
 TWO_PI = 2.0 * math.pi
-PLACE_NAMES = (
-    "loading",
-    "unloading",
-    "rate-factor",
-    "rate-force",
-    "compaction",
-    "spring",
-    "spring-from-rest",
-    "damper",
-    "guide",
-    "indenter",
-    "drive-waveform",
-    "drive-curve",
-    "mount-spring",
-    "mount-damper",
-)
+PLACE_NAMES = tuple(place.name for place in constitutive.PLACES)
 """In the order of the integrator's places."""
 SPRINGS = (predict.SPRING, predict.SPRING_FROM_REST)
 LEAST = 1e-9
@@ -48,6 +35,7 @@ NUMBERS = {
     "air_stiffness": predict.AIR_STIFFNESS,
     "air_rate": predict.AIR_RATE,
 }
+DRIVE_LAG = "drive_lag"
 
 
 SLOW = 30.0
@@ -144,23 +132,20 @@ class Equation(Term):
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add what the equation says at each of its places, and of numbers of the model."""
         s = model.s
-        around = Around(s[predict.K], s[predict.K_L], s[predict.K_L] * s[predict.RATIO], scene.frequency)
+        around = Around(s[predict.K], s[predict.K_L], s[predict.K_L] * s[predict.RATIO])
         p = self.parameters(values)
-        for name, law in self.form.laws.items():
-            place = PLACE_NAMES.index(name)
-            curve = law(axes.points(place), p, around)
+        for place in acts_at(self.effect, self.form)[0]:
+            curve = curve_at(self.effect, p, place, axes.points(place), around)
             model.tables[place] += np.log(np.clip(curve, 1e-3, 1e3)) if place in LOGARITHMS else curve
-        if self.form.numbers is not None:
-            for name, value in self.form.numbers(p, around).items():
-                if name == "drive":
-                    s[predict.F_A] *= 1.0 + value
-                else:
-                    s[NUMBERS[name]] += value
+        for name, value in scalars_of(self.effect, p).items():
+            if name == DRIVE_LAG:
+                s[predict.F_A] /= math.hypot(1.0, value * scene.frequency)
+            elif name in NUMBERS:
+                s[NUMBERS[name]] += value
 
     def parameters(self, values: Floats) -> tuple[float, ...]:
         """All of the effect's, by their order; those that the form has not are neutral."""
-        given = dict(zip(self.form.symbols, (float(each) for each in values), strict=True))
-        return tuple(given.get(each.symbol, each.neutral) for each in REGISTRY[self.effect].parameters)
+        return parameters_of(self.effect, self.form, tuple(float(each) for each in values))
 
 
 def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
@@ -168,14 +153,10 @@ def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
     found = []
     for name, effect in REGISTRY.items():
         for form in effect.forms:
-            own = {PLACE_NAMES.index(each) for each in form.laws}
-            fits = bool(own) and own <= set(places)
-            if form.numbers is not None:
-                made = form.numbers(tuple(each.typical[1] for each in effect.parameters), Around(7e4, 2e7, 2.5e7, 80.0))
-                fits = set(made) <= set(numbers)
-            if fits:
+            own, made = acts_at(name, form)
+            if (own and not made and own <= set(places)) or (made and not own and made <= set(numbers)):
                 unknowns = tuple(_unknown(effect.parameter(symbol), form, i) for i, symbol in enumerate(form.symbols))
-                remembers = form.numbers is not None and "drive" not in made
+                remembers = bool(made) and DRIVE_LAG not in made
                 found.append(Equation(f"{name}: {form.name}", unknowns, name, form, remembers))
     return found
 

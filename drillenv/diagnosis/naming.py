@@ -16,11 +16,12 @@ from scipy.stats import chi2
 from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.constants import Constants
+from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import (
+    DRIVE_LAG,
     LOGARITHMS,
     NUMBERS,
-    PLACE_NAMES,
     STRAIGHT,
     Curve,
     Equation,
@@ -244,7 +245,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
 def places_of(family: Family) -> tuple[list[int], list[str]]:
     """Places of a family's curves, and the numbers of the model that it changes."""
     places = [term.place for term in family.terms if isinstance(term, Curve)]
-    numbers = ["drive"] if any(isinstance(term, Gain) for term in family.terms) else []
+    numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
     if family.group == "air-spring":
         numbers = ["air_stiffness", "air_rate"]
     if family.group == "rock-mount-compliance":
@@ -316,7 +317,7 @@ def with_constant_freed(data: Sequence[Conditioned], fitted: Fitted, equation: T
     A lab that has fitted its constants without the mechanism states what both are together.
     """
     constants = constants_of(fitted.hypothesis)
-    places = [PLACE_NAMES.index(each) for each in equation.form.laws] if isinstance(equation, Equation) else []
+    places = sorted(acts_at(equation.effect, equation.form)[0]) if isinstance(equation, Equation) else []
     for place in places:
         name = STRAIGHT.get(place, "")
         i = next((i for i, each in enumerate(constants.unknowns) if each.name == name), None)

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drillenv.checks import InputError, count, number, shown
-from drillenv.dynamics import motion_general
+from drillenv.dynamics import motion_hybrid
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import STATE_SIZE, fresh_state
 from drillenv.dynamics.flow import FREE, LOADING, STIFFNESS, UNLOADING, make_model
-from drillenv.dynamics.general import Start
+from drillenv.dynamics.hybrid.model import Start
 from drillenv.dynamics.orbits import MOTION_SIZE, map_point, put_on_section, section_distance
 from drillenv.dynamics.survey import PATIENCE, WAIT, as_survey, label, random_starts, settle_on, survey
 from drillenv.rig import Rig, Setting
@@ -89,7 +89,7 @@ def motion(
     flows between switches: the rock force is continuous at each switch, so a switch adds at most the change of
     coordinate from Xp to Xf.
 
-    With effects the same is done on the general engine, a hundred times slower: the derivative is then made of central
+    With effects the same is done on the hybrid engine, a hundred times slower: the derivative is then made of central
     differences of the map, so that multipliers carry about five digits, and the exponent of what has no period comes
     from two runs side by side. Where the rock compacts, the motion is that on the compacted rock. An air spring is
     given five times its ``tau`` to come to rest, but no longer than eight times the patience: with a ``tau`` of
@@ -112,11 +112,11 @@ def motion(
             take, or effects that do not act on the motion, are given twice, or let it grow without bound.
     """
     setting, chosen, rig = checked_place(setting, rock, rig)
-    beyond = motion_general.effects_meant(effects)
+    beyond = motion_hybrid.effects_meant(effects)
     wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
     if beyond:
-        section = motion_general.Section(setting, chosen, rig, beyond)
-        return _settled_motion(section, motion_general.settle_on(section, _place(section, start), wait, patience))
+        section = motion_hybrid.Section(setting, chosen, rig, beyond)
+        return _settled_motion(section, motion_hybrid.settle_on(section, _place(section, start), wait, patience))
     model = make_model(rig, chosen, setting)
     state = np.zeros(STATE_SIZE)
     if start is None:
@@ -154,9 +154,9 @@ def motions(
         InputError: as for :func:`motion`; a rig and rock that the exact engine cannot take also with effects.
     """
     setting, chosen, rig = checked_place(setting, rock, rig)
-    beyond = motion_general.effects_meant(effects)
+    beyond = motion_hybrid.effects_meant(effects)
     if beyond:
-        return _motions_with(motion_general.Section(setting, chosen, rig, beyond), starts, seed, wait, patience)
+        return _motions_with(motion_hybrid.Section(setting, chosen, rig, beyond), starts, seed, wait, patience)
     place = [[setting.frequency, setting.amplitude, setting.pressure]]
     found = survey(place, chosen, rig, starts, seed=seed, wait=wait, patience=patience)[0]
     model = make_model(rig, chosen, setting)
@@ -173,15 +173,15 @@ def motions(
     return _by_share(kinds, members)
 
 
-def _motions_with(section: motion_general.Section, starts: int, seed: int, wait: int, patience: int) -> list[Motion]:
+def _motions_with(section: motion_hybrid.Section, starts: int, seed: int, wait: int, patience: int) -> list[Motion]:
     """As :func:`motions`, with effects."""
     units = random_starts(count("starts", starts, 1, 10_000), count("seed", seed, 0, 2**63))
     wait, patience = count("wait", wait, 1, 1_000_000), count("patience", patience, 1, 100_000_000)
-    kinds: list[motion_general.Settled] = []
+    kinds: list[motion_hybrid.Settled] = []
     members: list[int] = []
     for number_of_start, unit in enumerate(units):
         place = section.random(unit) if number_of_start else section.fresh()
-        each = motion_general.settle_on(section, place, wait, patience)
+        each = motion_hybrid.settle_on(section, place, wait, patience)
         same = next((i for i, other in enumerate(kinds) if _same_settled(section, each, other)), None)
         if same is None:
             kinds.append(each)
@@ -191,14 +191,12 @@ def _motions_with(section: motion_general.Section, starts: int, seed: int, wait:
     return _by_share([_settled_motion(section, kind) for kind in kinds], members)
 
 
-def _same_settled(
-    section: motion_general.Section, first: motion_general.Settled, second: motion_general.Settled
-) -> bool:
+def _same_settled(section: motion_hybrid.Section, first: motion_hybrid.Settled, second: motion_hybrid.Settled) -> bool:
     """As :func:`same_motion`, with effects."""
     names = [label(each.period, each.impacts, each.exponent) for each in (first, second)]
     if names[0] != names[1] or not first.period:
         return names[0] == names[1]
-    return motion_general.same_orbit(section, first, second)
+    return motion_hybrid.same_orbit(section, first, second)
 
 
 def _by_share(kinds: list[Motion], members: list[int]) -> list[Motion]:
@@ -230,7 +228,7 @@ def motion_of(row: np.void, setting: Setting, rock: Rock, rig: Rig) -> Motion:
     )
 
 
-def _settled_motion(section: motion_general.Section, found: motion_general.Settled) -> Motion:
+def _settled_motion(section: motion_hybrid.Section, found: motion_hybrid.Settled) -> Motion:
     """What was found with effects as a Motion."""
     return Motion(
         label=label(found.period, found.impacts, found.exponent),
@@ -243,8 +241,8 @@ def _settled_motion(section: motion_general.Section, found: motion_general.Settl
         multipliers=found.multipliers,
         stable=found.stable,
         exponent=found.exponent,
-        point=found.place.z[:4].copy(),
-        regime=found.place.regime,
+        point=found.point,
+        regime=found.regime,
         setting=section.setting,
         rock=section.rock,
         rig=section.rig,
@@ -253,7 +251,7 @@ def _settled_motion(section: motion_general.Section, found: motion_general.Settl
     )
 
 
-def _place(section: motion_general.Section, start: Motion | np.ndarray | None) -> motion_general.Place:
+def _place(section: motion_hybrid.Section, start: Motion | np.ndarray | None) -> motion_hybrid.Place:
     """Where a start stands on a section with effects."""
     if start is None:
         return section.fresh()

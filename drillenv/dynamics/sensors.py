@@ -14,7 +14,8 @@ import numpy as np
 
 from drillenv.checks import InputError, count, number, shown
 from drillenv.dynamics.effects import Channels, Chosen
-from drillenv.dynamics.general import GeneralRun, Start, run_general
+from drillenv.dynamics.hybrid.model import Start
+from drillenv.dynamics.hybrid.run import HybridRun, run_hybrid
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 
@@ -71,7 +72,7 @@ def record(
     acceleration jump, a delayed sample less than a point away from the jump is off by up to two thirds of it.
 
     Args:
-        rig, setting, rock, effects, start: As for :func:`drillenv.dynamics.general.run_general`.
+        rig, setting, rock, effects, start: As for :func:`drillenv.dynamics.hybrid.run.run_hybrid`.
         seconds: Duration in s.
         sample_rate: Samples a second, the first at time 0.
         sensors: Effects that misreport channels, from :func:`drillenv.dynamics.effects.make`.
@@ -84,7 +85,7 @@ def record(
         oversample: 1 to 1000.
 
     Raises:
-        InputError: a value out of range, noise without a generator, bits without spans, or what run_general and
+        InputError: a value out of range, noise without a generator, bits without spans, or what run_hybrid and
             :func:`read` refuse.
     """
     sensors = in_order(sensors)
@@ -102,16 +103,16 @@ def record(
     started = phase - 2 * math.pi * math.fmod(setting.frequency * lead, 1.0)
     effects = tuple(effects)
     if lead > 0.0:
-        leading = run_general(rig, setting, rock, lead + begin, 0.0, started, start, effects)
+        leading = run_hybrid(rig, setting, rock, lead + begin, 0.0, started, start, effects)
         start, started = leading.end, leading.end_phase
-    run = run_general(rig, setting, rock, seconds - begin, fine * sample_rate, started, start, effects)
+    run = run_hybrid(rig, setting, rock, seconds - begin, fine * sample_rate, started, start, effects)
     dense = channels_of(run, setting, started, begin, from_rest)
     recorded = _every(read(dense, sensors), fine, warm)
     return Recording(digitised(recorded, noise, bits, spans, rng), _every(dense, fine, warm), run.end, run.end_phase)
 
 
 def channels_of(
-    run: GeneralRun, setting: Setting, phase: float = 0.0, begin: float = 0.0, from_rest: bool = False
+    run: HybridRun, setting: Setting, phase: float = 0.0, begin: float = 0.0, from_rest: bool = False
 ) -> Channels:
     """The true channels of a run with samples, which began at this phase of the excitation in rad.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.dynamics import segments
+from drillenv.dynamics.constitutive.places import CODE
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import (
     CARRY,
@@ -26,9 +27,10 @@ from drillenv.dynamics.exact import (
     set_phase,
 )
 from drillenv.dynamics.flow import LOADING, STIFFNESS, UNLOADING, make_model
-from drillenv.dynamics.general import Impacts, Start, run_general
+from drillenv.dynamics.hybrid.model import Start
+from drillenv.dynamics.hybrid.run import Impacts, run_hybrid
 from drillenv.dynamics.motion import Motion, checked_place, motion
-from drillenv.dynamics.motion_general import effects_meant
+from drillenv.dynamics.motion_hybrid import effects_meant
 from drillenv.dynamics.orbits import put_on_section
 from drillenv.files import whole
 from drillenv.rig import Rig, Setting
@@ -43,6 +45,8 @@ MOST_SAMPLES = 20_000_000
 """Of one run: 1.6 GB."""
 LEAD_PERIODS = 8
 """Excitation periods run before a run on a motion without a period, to find how the contact going on then began."""
+RESHAPING = ("loading", "unloading", "compaction")
+"""Places at which a law changes the rock law."""
 SETTLED = 30.0
 """Time constants of the shaker on its damper after which nothing is left of a start."""
 
@@ -187,8 +191,8 @@ def simulate(
             the motion that the rig settles on from there.
         phase: Of the excitation at time 0 in rad. A motion of several periods passes a phase several times; the run
             starts at one of these.
-        engine: ``exact``; or ``general``, which integrates numerically, and is also taken where there are effects or
-            the exact engine cannot take the rig.
+        engine: ``exact``; or ``general``, the hybrid engine, which integrates numerically and is also taken where there
+            are effects or the exact engine cannot take the rig.
         effects: From :func:`drillenv.dynamics.effects.make`.
 
     Raises:
@@ -208,7 +212,7 @@ def simulate(
             pass  # the exact engine cannot take this rig
         else:
             return _run_exact(model, setting, rock, rig, times, seconds, steady, phase)
-    return _run_general(setting, rock, rig, times, seconds, sample_rate, steady, phase, chosen)
+    return _run_hybrid(setting, rock, rig, times, seconds, sample_rate, steady, phase, chosen)
 
 
 def strobe(
@@ -342,10 +346,10 @@ def _sampled(model: Floats, log: Floats, starts: Floats, times: Floats) -> Float
     return samples
 
 
-# --- The general engine
+# --- The hybrid engine
 
 
-def _run_general(
+def _run_hybrid(
     setting: Setting,
     rock: Rock,
     rig: Rig,
@@ -360,10 +364,10 @@ def _run_general(
     if steady:
         whole_periods = math.ceil(_settling_time(rig) * setting.frequency)
         settling = whole_periods / setting.frequency
-        start = run_general(rig, setting, rock, settling, 0.0, phase, effects=effects).end
-    run = run_general(rig, setting, rock, seconds, sample_rate, phase, start, effects)
+        start = run_hybrid(rig, setting, rock, settling, 0.0, phase, effects=effects).end
+    run = run_hybrid(rig, setting, rock, seconds, sample_rate, phase, start, effects)
     elastic = 0.0
-    if all(chosen.effect.shape is None for chosen in effects):  # pyright: ignore[reportUnknownMemberType]
+    if not any(map(_bends_rock, effects)):
         elastic = _elastic(rock, run.end) - (_elastic(rock, start) if start else 0.0)
     first = run.penetration[0]
     return Run(
@@ -400,8 +404,19 @@ def _rate(times: Floats, penetration: Floats, setting: Setting | None) -> float:
 
 
 def _settling_time(rig: Rig) -> float:
-    """How long the general engine runs before a run on a motion, in s: the shaker settles last."""
+    """How long the hybrid engine runs before a run on a motion, in s: the shaker settles last."""
     return min(max(SETTLED * 2.0 * rig.shaker_mass / rig.damping, 1.0), 60.0)
+
+
+def _bends_rock(chosen: Chosen) -> bool:
+    """Whether an effect changes the rock law, so that what the rock would give back is not known."""
+    effect = chosen.effect
+    if chosen.is_neutral:
+        return False
+    if effect.axes is not None:
+        return effect.axes.place in map(CODE.__getitem__, RESHAPING)
+    turning = effect.scalars is not None and effect.scalars(chosen.values).get("rotation_share", 0.0) != 0.0
+    return turning or any(place in effect.laws for place in RESHAPING)
 
 
 def _elastic(rock: Rock, state: Start) -> float:

@@ -7,7 +7,7 @@ last bit.
 from __future__ import annotations
 
 import os
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,8 +88,8 @@ class Snapshot:
     truth: np.ndarray
     seen: np.ndarray
     reward: float
-    general: Any = None
-    """The state of the general engine, where the episode needs it."""
+    hybrid: Any = None
+    """The state of the hybrid engine, where the episode needs it."""
 
 
 class Batch:
@@ -111,8 +111,10 @@ class Batch:
         self.rewards = np.zeros(n)
         self.windows = np.zeros((n, samples, len(TRACE)))
         self.weights = task.reward.as_array()
-        self.general: list[Any] = [None] * n
+        self.hybrid: list[Any] = [None] * n
         self.threads = min(threads, -(-n // CHUNK))
+        self.hybrid_threads = min(threads, n)
+        """Threads for rigs on the hybrid engine, which take so long that each is a task of its own."""
         self._pool: ThreadPoolExecutor | None = None
         self._pool_of = 0
         """The process that the threads belong to."""
@@ -131,56 +133,66 @@ class Batch:
         # long ago, so that no impact takes the first one for its repetition
         memory[plant.LAST_TURNS] = -1e6
         place(plants, i, episode.phase)
-        self.general[i] = None
+        self.hybrid[i] = None
         if episode.effects:
-            from drillenv.env.general_plant import GeneralPlant
+            from drillenv.env.hybrid_plant import HybridPlant
 
-            self.general[i] = GeneralPlant(plants, i, episode.effects)
+            self.hybrid[i] = HybridPlant(plants, i, episode.effects)
 
     def step(self, which: np.ndarray, actions: np.ndarray, increment: bool, noise: np.ndarray) -> None:
         """One interval of the rigs marked in ``which`` (n,), at what ``actions`` (n, 3) float32 ask for.
 
         ``noise`` (n, SIZE) are standard normal numbers for the readings.
         """
-        if any(self.general):
-            which = self._step_general(which, actions, increment, noise)
+        if any(self.hybrid):
+            which = self._step_hybrid(which, actions, increment, noise)
         arguments = (which, actions, increment, self.weights, noise, self.task.noise)
         results = (self.truths, self.readings, self.rewards, self.windows)
         if self.threads <= 1:
             step_rigs(self.plants, 0, self.n, *arguments, *results)
             return
-        if self._pool is None or self._pool_of != os.getpid():
-            # a process that was forked has the pool but not its threads
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="drillenv")
-            self._pool_of = os.getpid()
+        pool = self._threads()
         work = [
-            self._pool.submit(step_rigs, self.plants, first, min(first + CHUNK, self.n), *arguments, *results)
+            pool.submit(step_rigs, self.plants, first, min(first + CHUNK, self.n), *arguments, *results)
             for first in range(0, self.n, CHUNK)
         ]
         for part in work:
             part.result()
 
-    def _step_general(self, which, actions, increment: bool, noise) -> np.ndarray:
-        """Step the rigs that need the general engine. Returns the marks of those that do not."""
-        sums, peaks, cycles = np.empty(SUMS_SIZE), np.empty((PEAKS, 2)), np.empty((MOST_CYCLES, 3))
-        setting = np.empty(3)
+    def _threads(self) -> ThreadPoolExecutor:
+        if self._pool is None or self._pool_of != os.getpid():
+            # a process that was forked has the pool but not its threads
+            self._pool = ThreadPoolExecutor(max(self.threads, self.hybrid_threads), thread_name_prefix="drillenv")
+            self._pool_of = os.getpid()
+        return self._pool
+
+    def _step_hybrid(self, which, actions, increment: bool, noise) -> np.ndarray:
+        """Step the rigs that need the hybrid engine. Returns the marks of those that do not."""
+        mine = [i for i in np.flatnonzero(which).tolist() if self.hybrid[i] is not None]
         rest = which.copy()
-        plants = self.plants
-        for i in np.flatnonzero(which).tolist():
-            engine = self.general[i]
-            if engine is None:
-                continue
-            rest[i] = False
-            set_from_action(actions[i], increment, plants.memories[i], setting)
-            turns = plants.states[i, TURNS] + plants.states[i, THETA] / TURN
-            engine.drill(setting, sums, peaks, self.windows[i])
-            results = (self.truths, self.readings, self.rewards)
-            finish(plants, i, turns, sums, peaks, cycles, self.weights, noise, self.task.noise, *results)
+        rest[mine] = False
+        if self.hybrid_threads <= 1 or len(mine) <= 1:
+            for i in mine:
+                self._step_one(i, actions, increment, noise)
+            return rest
+        pool = self._threads()
+        for done in wait([pool.submit(self._step_one, i, actions, increment, noise) for i in mine]).done:
+            done.result()
         return rest
+
+    def _step_one(self, i: int, actions, increment: bool, noise) -> None:
+        """One interval of a rig on the hybrid engine."""
+        sums, peaks, cycles = np.empty(SUMS_SIZE), np.empty((PEAKS, 2)), np.empty((MOST_CYCLES, 3))
+        plants, setting = self.plants, np.empty(3)
+        set_from_action(actions[i], increment, plants.memories[i], setting)
+        turns = plants.states[i, TURNS] + plants.states[i, THETA] / TURN
+        self.hybrid[i].drill(setting, sums, peaks, self.windows[i])
+        results = (self.truths, self.readings, self.rewards)
+        finish(plants, i, turns, sums, peaks, cycles, self.weights, noise, self.task.noise, *results)
 
     def snapshot(self, i: int) -> Snapshot:
         """Everything needed to go on exactly from here."""
-        engine = self.general[i]
+        engine = self.hybrid[i]
         return Snapshot(
             tuple(part[i].copy() for part in self.plants),
             self.truths[i].copy(),
@@ -195,11 +207,11 @@ class Batch:
             part[i] = kept
         self.truths[i], self.readings[i] = snapshot.truth, snapshot.seen
         self.rewards[i] = snapshot.reward
-        self.general[i] = None
-        if snapshot.general is not None:
-            from drillenv.env.general_plant import GeneralPlant
+        self.hybrid[i] = None
+        if snapshot.hybrid is not None:
+            from drillenv.env.hybrid_plant import HybridPlant
 
-            self.general[i] = GeneralPlant.restored(self.plants, i, snapshot.general)
+            self.hybrid[i] = HybridPlant.restored(self.plants, i, snapshot.hybrid)
 
     def close(self) -> None:
         """Let the threads go."""
@@ -216,10 +228,10 @@ def trace_of(before: Snapshot, setting: np.ndarray, samples: int) -> np.ndarray:
     window = np.zeros((samples, len(TRACE)))
     sums, peaks = np.empty(SUMS_SIZE), np.empty((PEAKS, 2))
     plants = Plants(*(part[None].copy() for part in before.arrays))
-    if before.general is not None:
-        from drillenv.env.general_plant import GeneralPlant
+    if before.hybrid is not None:
+        from drillenv.env.hybrid_plant import HybridPlant
 
-        GeneralPlant.restored(plants, 0, before.general).drill(setting, sums, peaks, window)
+        HybridPlant.restored(plants, 0, before.hybrid).drill(setting, sums, peaks, window)
     else:
         drill(plants, 0, setting, sums, peaks, window, make_scratch())
     return window

@@ -253,7 +253,13 @@ def sample(model, state, regime: int, scratch: Scratch, theta: float, t: float, 
     else:
         _w, v, a, _j = probe_contact(model, regime, scratch.channel, scratch.work, theta, t)
     sine, _cosine = sine_cosine(theta + model[0, OMEGA] * t)
-    sums[S_DRIVE] += model[0, AMPLITUDE] * sine * v
+    add_sample(a, model[0, AMPLITUDE] * sine * v, index, sums)
+
+
+@njit(**INLINE)
+def add_sample(a: float, power: float, index: int, sums: np.ndarray):
+    """Add an acceleration in m/s^2 and the power of the drive in W, sample ``index``, to the sums."""
+    sums[S_DRIVE] += power
     turn = 2 * SAMPLES
     place = index % turn
     for harmonic in range(HARMONICS):

@@ -9,7 +9,7 @@ from drillenv.blind.campaigns import physics_of
 from drillenv.blind.mechanisms import MECHANISMS, of_library
 from drillenv.blind.rig import Constants, Controls, Physics, move
 from drillenv.dynamics.effects import make
-from drillenv.dynamics.general import run_general
+from drillenv.dynamics.hybrid.run import run_hybrid
 
 STEP = 1.0 / 204800.0
 
@@ -62,7 +62,7 @@ def test_the_librarys_equations_are_the_librarys(name, monkeypatch):
     constants = Constants()
     physics = physics_of([of_library(name, **LIBRARY[name])], constants, controls, np.random.default_rng(0))
     mine = move(constants, controls, physics, 12.0 / controls.frequency, STEP)
-    run = run_general(
+    run = run_hybrid(
         drillenv.Rig(),
         drillenv.Setting(*controls),
         drillenv.ROCKS[4],

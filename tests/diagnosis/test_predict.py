@@ -10,7 +10,7 @@ from drillenv.blind.rig import Constants, Controls, Motion, Physics, move
 from drillenv.diagnosis import predict as P
 from drillenv.diagnosis.condition import condition
 from drillenv.dynamics.effects import make
-from drillenv.dynamics.general import run_general
+from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
 from tests.diagnosis.truth import rig_of, rock_of
@@ -260,7 +260,7 @@ def test_a_flight_shorter_than_a_step_is_followed(samples):
     impacts, force = from_rest(setting, rock, mount, samples)
     mounted = make("rock-mount-compliance", m_r=mount[0], s_r=mount[1], zeta_r=mount[2])
     rate = samples * setting.frequency
-    true = run_general(Rig(), setting, rock, 21.0 / setting.frequency, rate, effects=[mounted], rtol=1e-9)
+    true = run_hybrid(Rig(), setting, rock, 21.0 / setting.frequency, rate, effects=[mounted], rtol=1e-9)
     assert impacts == true.impacts.time.size
     assert np.mean(force) == pytest.approx(np.mean(true.force[:-1]), rel=1e-5)
 

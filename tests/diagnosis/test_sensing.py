@@ -10,7 +10,7 @@ from scipy.signal import lfilter, lfilter_zi
 from drillenv.diagnosis.sensing import OVERDAMPED, Sensor, response, sensor_families, textbook_sensors
 from drillenv.diagnosis.terms import Scene
 from drillenv.dynamics.effects import REGISTRY, Channels, make
-from drillenv.dynamics.general import run_general
+from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.dynamics.sensors import channels_of
 from drillenv.dynamics.sensors import read as library
 from drillenv.rig import PUSH, Rig, Setting
@@ -27,8 +27,8 @@ def dense(rate, fine) -> tuple[Channels, ...]:
     """True channels of 0.3 s of two rigs that had been running, ``fine`` times as dense as ``rate``."""
     found = []
     for setting in SETTINGS:
-        lead = run_general(Rig(), setting, ROCKS[4], 1.0, 0.0, 0.0, None, ())
-        run = run_general(Rig(), setting, ROCKS[4], 0.3, fine * rate, lead.end_phase, lead.end, ())
+        lead = run_hybrid(Rig(), setting, ROCKS[4], 1.0, 0.0, 0.0, None, ())
+        run = run_hybrid(Rig(), setting, ROCKS[4], 0.3, fine * rate, lead.end_phase, lead.end, ())
         found.append(channels_of(run, setting, lead.end_phase))
     return tuple(found)
 

@@ -8,8 +8,11 @@ from scipy.integrate import cumulative_simpson
 
 from drillenv.checks import InputError
 from drillenv.dynamics import effects
-from drillenv.dynamics.effects import Channels, Effect, Extra, Parameter, drawn, make
-from drillenv.dynamics.general import FREE, LOADING, UNLOADING, run_general
+from drillenv.dynamics.constitutive.places import CODE, SCALARS, Shape
+from drillenv.dynamics.effects import ON_SHAKER, Channels, Effect, Extra, Parameter, drawn, make
+from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
+from drillenv.dynamics.hybrid.model import MEMORY
+from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.dynamics.sensors import read
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS, Rock
@@ -51,7 +54,7 @@ MECHANISMS = {
 
 
 def run(*chosen, seconds=0.3, rate=20e3, setting=SETTING, **more):
-    return run_general(RIG, setting, ROCK, seconds, rate, effects=chosen, **more)
+    return run_hybrid(RIG, setting, ROCK, seconds, rate, effects=chosen, **more)
 
 
 def strong(name):
@@ -101,8 +104,10 @@ def test_entry_says_everything(name):
     assert not strong(name).is_neutral
     for extra in effect.extras:
         assert extra.unit and extra.meaning and extra.size > 0
-    assert not effect.moves_face or effect.extras[0].unit == "m/s"
-    assert effect.grips is None or ([each.unit for each in effect.parameters] == ["N", "m/s"] and effect.extras)
+        assert extra.kept in MEMORY, "no effect of this package needs a term with states of its own"
+    assert set(effect.laws) <= set(CODE) and effect.term is None
+    assert effect.scalars is None or set(effect.scalars(strong(name).values)) <= set(SCALARS)
+    assert effect.moves_rig == (name in MOVING) == bool(effect.laws or effect.scalars)
     assert bool(effect.measure) == ("sensor" in effect.balances) and bool(effect.on_body) == ("body" in effect.balances)
     assert pickle.loads(pickle.dumps(effect)) == effect
 
@@ -133,7 +138,7 @@ def test_energy_has_the_right_sign(name):
     for _ in range(5):
         setting, rock = drawn_place(rng)
         chosen = [drawn(name, rng)]
-        check_energy(run_general(RIG, setting, rock, 0.4, 0.0, effects=chosen), chosen)
+        check_energy(run_hybrid(RIG, setting, rock, 0.4, 0.0, effects=chosen), chosen)
 
 
 def check_energy(result, every):
@@ -162,11 +167,11 @@ def test_typical_strengths_can_be_followed(name):
     for _ in range(12):
         setting, rock = drawn_place(rng)
         chosen = [drawn(name, rng)]
-        check_energy(run_general(RIG, setting, rock, 3.0, 0.0, effects=chosen), chosen)
+        check_energy(run_hybrid(RIG, setting, rock, 3.0, 0.0, effects=chosen), chosen)
     for other in rng.choice([other for other in MOVING if other != name], 6, replace=False):
         setting, rock = drawn_place(rng)
         chosen = [drawn(name, rng), drawn(str(other), rng)]
-        check_energy(run_general(RIG, setting, rock, 1.0, 0.0, effects=chosen), chosen)
+        check_energy(run_hybrid(RIG, setting, rock, 1.0, 0.0, effects=chosen), chosen)
 
 
 def test_all_effects_at_once_can_be_followed():
@@ -174,7 +179,7 @@ def test_all_effects_at_once_can_be_followed():
     for _ in range(3):
         setting, rock = drawn_place(rng)
         chosen = [drawn(name, rng) for name in MOVING]
-        check_energy(run_general(RIG, setting, rock, 0.5, 0.0, effects=chosen), chosen)
+        check_energy(run_hybrid(RIG, setting, rock, 0.5, 0.0, effects=chosen), chosen)
 
 
 def on_indenter(result, setting=SETTING):
@@ -212,7 +217,7 @@ def test_drive_harmonics_is_its_equation():
 def test_drive_droop_is_a_smaller_drive():
     droop = run(make("drive-droop", s=1 / 150), rate=2e3)
     weak = Rig(drive_gain=1 / math.sqrt(1 + (90 / 150) ** 2))
-    plain = run_general(weak, SETTING, ROCK, 0.3, 2e3)
+    plain = run_hybrid(weak, SETTING, ROCK, 0.3, 2e3)
     assert np.allclose(droop.v2, plain.v2, rtol=0, atol=1e-9)
     assert math.isclose(droop.energy.drive + droop.energy.effects[0], plain.energy.drive, rel_tol=1e-9)
 
@@ -289,7 +294,7 @@ def test_light_stiff_mount_is_a_softer_rock():
     compliance = 1e-8
     mounted = run(make("rock-mount-compliance", s_r=compliance, m_r=0.1, zeta_r=1.0), seconds=0.02)
     softer = type(ROCK)(1 / (1 / ROCK.loading_stiffness + compliance), 1 / (1 / ROCK.unloading_stiffness + compliance))
-    plain = run_general(RIG, SETTING, softer, 0.02, 20e3)
+    plain = run_hybrid(RIG, SETTING, softer, 0.02, 20e3)
     assert np.max(np.abs(mounted.force - plain.force)) < 0.1 * np.max(plain.force)
     assert np.max(np.abs(run(seconds=0.02).force - plain.force)) > 0.1 * np.max(plain.force)
 
@@ -323,7 +328,7 @@ def test_toe_and_power_law_give_nothing_away(e, n):
         elastic = Rock(rock.loading_stiffness, 1.001 * rock.loading_stiffness)
         chosen = [make("contact-toe", h=rng.uniform(1e-6, 5e-5), r=rng.uniform(0, 1), e=e)]
         chosen += [make("contact-power-law", n=n)]
-        result = run_general(RIG, setting, elastic, 0.3, 100e3, effects=chosen)
+        result = run_hybrid(RIG, setting, elastic, 0.3, 100e3, effects=chosen)
         gap = result.x2 - result.penetration
         assert np.max(gap[result.regime == FREE]) < 1e-14
         # Xf where each contact ends: never behind where the one before ended
@@ -478,27 +483,59 @@ def test_drawn_strengths_are_typical_and_reproduce(name):
         assert part.typical[0] <= value <= part.typical[1]
 
 
-def _harder_rock(depth, regime, stiffness, ratio, own, p):
-    return depth * (1.0 - p[0] * math.exp(-own[0])) if regime == 1 else depth
+def own_effect(name, parameters, balances, energy, extras=(), **acts):
+    """An effect that stands in no registry."""
+    return Effect(name, "Somebody's own.", "-", "constitutive", parameters, balances, effects.EVERYWHERE, energy,
+                  tuple(extras), **acts)  # fmt: skip
 
 
-def _count_release(before, after, own, p):
-    if after == 0:
-        own[0] += 1.0
+def _stiffer_in_steps(depth, p, stiffness):
+    """Two straight parts, the second 1 + p[0] times as stiff as the first."""
+    return depth + p[0] * np.maximum(depth - 3e-5, 0.0)
 
 
-def test_effect_of_ones_own_may_act_at_switches():
-    effect = Effect(
-        "rock-hardening", "The rock hardens with each blow.", "k_l (1 - a exp(-N))", "constitutive",
-        (Parameter("a", "share missing at first", "1", 0.0, 0.9, 0.0, (0.1, 0.5)),), ("contact",), ("loading",), "none",
-        (Extra("N", "contacts so far", "1", 1.0),), shape=_harder_rock, switched=_count_release,
-    )  # fmt: skip
-    result = run(effects.Chosen(effect, (0.5,)))
-    assert result.end.extra[0] == np.sum(result.switches.after == FREE) > 5
-    stiffness = result.impacts.force / result.impacts.depth / ROCK.loading_stiffness
-    releases = [np.sum(result.switches.after[result.switches.time < t] == FREE) for t in result.impacts.time]
-    assert np.allclose(stiffness, 1 - 0.5 * np.exp(-np.array(releases, dtype=float)), rtol=1e-10)
-    assert abs(result.energy.error) < 1e-9 * result.energy.drive
+def test_law_of_ones_own_has_a_corner():
+    """A contact law in a line of NumPy, whose corner the engine finds."""
+    share = Parameter("a", "share by which it stiffens", "1", 0.0, 2.0, 0.0, (0.1, 1.0))
+    shape = {way: Shape(_stiffer_in_steps, "loading depth") for way in ("loading", "unloading")}
+    stepped = own_effect("stepped-rock", (share,), ("contact",), "none", laws=shape)
+    result = run(effects.Chosen(stepped, (0.8,)), rate=100e3)
+    depth = result.impacts.depth
+    assert np.min(depth) < 3e-5 < np.max(depth)
+    expected = ROCK.loading_stiffness * _stiffer_in_steps(depth, (0.8,), 0.0)
+    assert np.allclose(result.impacts.force, expected, rtol=1e-12)
+    _, unloading, depth = place_in_rock(result)
+    ratio = ROCK.unloading_stiffness / ROCK.loading_stiffness
+    law = ROCK.loading_stiffness * _stiffer_in_steps(depth[unloading] * ratio, (0.8,), 0.0)
+    assert np.allclose(result.force[unloading], law, rtol=1e-9, atol=1e-6)
+    check_energy(result, [effects.Chosen(stepped, (0.8,))])
+    same(run(), run(effects.Chosen(stepped, (0.0,))))
+
+
+def _leaking_air(now, own, p, push, rates):
+    push[ON_SHAKER] -= own[0]
+    rates[0] = p[0] * now.v1 - own[0] / p[1]
+
+
+def test_term_of_ones_own_may_have_a_state():
+    """Enclosed air once more, as a compiled term, beside another effect with a state and one without."""
+    parts = (
+        Parameter("k", "stiffness", "N/m", 0.0, 1e6, 0.0, (2e4, 1e5)),
+        Parameter("tau", "time", "s", 1e-3, 1e2, 1.0, (0.1, 0.5)),
+    )
+    own = own_effect("own-air", parts, ("shaker",), "moves", (Extra("s", "force", "N", 10.0),), term=_leaking_air)
+    ours = effects.Chosen(own, (5e4, 0.2))
+    others = make("contact-rate", chi=0.4), make("rock-mount-compliance", s_r=2e-8)
+    one, other = run(others[0], ours, others[1]), run(others[0], make("air-spring", k_a=5e4, tau=0.2), others[1])
+    assert np.max(np.abs(one.x2 - other.x2)) < 1e-12 and np.max(np.abs(one.extra - other.extra)) < 1e-9
+    assert np.max(np.abs(one.extra[:, 0])) > 1.0
+    assert one.energy.effects == pytest.approx(other.energy.effects, rel=1e-9)
+    assert abs(one.energy.error) < 1e-9 * one.energy.drive
+    # it goes on where it ended, and without strength it changes nothing
+    first = run(ours, seconds=0.1, rate=0)
+    second = run(ours, seconds=0.2, rate=0, phase=first.end_phase, start=first.end)
+    assert np.allclose(second.end[:4], run(ours, rate=0).end[:4], rtol=0, atol=1e-9)
+    same(run(), run(effects.Chosen(own, (0.0, 1.0))))
 
 
 def test_bad_choice_is_said_in_one_line():

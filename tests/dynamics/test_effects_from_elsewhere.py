@@ -26,6 +26,32 @@ def kelvin(name):
 ONE = kelvin("lab-kelvin")
 TWO = [kelvin("lab-voigt"), kelvin("lab-maxwell")]
 KNOWN = kelvin("contact-rate")
+
+# as a law, in NumPy
+import numpy as np
+
+def _law(speed, p, stiffness):
+    return p[0] * speed
+
+LAW = Effect(
+    "lab-newton", "The rock damps the blows.", "R = R_law + c_r V", "constitutive",
+    (Parameter("c_r", "damping of the rock", "N s/m", 0.0, 1e5, 0.0, (100.0, 800.0)),), ("contact",), IN_CONTACT,
+    "loses", laws={"rate-force": _law},
+)
+
+# compiled, with a state of its own
+from drillenv.dynamics.effects import EVERYWHERE, ON_SHAKER, Extra
+
+def _leak(now, own, p, push, rates):
+    push[ON_SHAKER] -= own[0]
+    rates[0] = p[0] * now.v1 - own[0] / p[1]
+
+STATE = Effect(
+    "lab-air", "The cylinder leaks.", "s' = k_a X1' - s / tau", "constitutive",
+    (Parameter("k_a", "stiffness", "N/m", 0.0, 1e6, 0.0, (2e4, 1.5e5)),
+     Parameter("tau", "time", "s", 1e-3, 100.0, 1.0, (0.1, 0.5))),
+    ("shaker",), EVERYWHERE, "moves", extras=(Extra("s", "force lost", "N", 10.0),), term=_leak,
+)
 NUMBER = 5
 MIXED = [ONE, "lab-burgers"]
 """
@@ -79,6 +105,40 @@ def test_effects_join_the_registry_and_are_simulated(install):
     assert not loaded, "import drillenv loads nobody's effects"
     assert names == ["lab-kelvin", "lab-voigt", "lab-maxwell"]
     assert ours == pytest.approx(tabulated, rel=1e-9) and abs(ours - plain) > 1.0
+
+
+KINDS = """
+import json
+import numpy as np
+from drillenv import Rig, Setting
+from drillenv.dynamics.effects import make
+from drillenv.dynamics.hybrid.run import run_hybrid
+from drillenv.dynamics.motion import motion
+from drillenv.rocks import ROCKS
+pairs = [
+    (make("lab-newton", c_r=400.0), make("lab-kelvin", c_r=400.0)),
+    (make("lab-air", k_a=5e4, tau=0.2), make("air-spring", k_a=5e4, tau=0.2)),
+]
+runs = [[run_hybrid(Rig(), Setting(90.0, 0.45, 1.0), ROCKS[4], 0.2, 1e4, effects=[each]) for each in pair]
+        for pair in pairs]
+found = [motion(Setting(90.0, 0.45, 1.0), effects=[pair[0]], wait=1000) for pair in pairs]
+print(json.dumps({
+    "apart": [float(np.abs(one.x2 - other.x2).max()) for one, other in runs],
+    "energy": [[run.energy.effects[0] for run in pair] + [run.energy.error for run in pair] for pair in runs],
+    "states": [run[0].extra.shape[1] for run in runs],
+    "stored": float(np.abs(runs[1][0].extra - runs[1][1].extra).max()),
+    "multipliers": [len(each.multipliers) for each in found],
+}))
+"""
+
+
+def test_a_law_and_a_term_with_a_state_are_followed(install):
+    """A law in NumPy beside the same as a compiled term; a term with a state beside the effect of this package."""
+    told = install("lab-rocks", "lab_effects:ONE", "lab_effects:LAW", "lab_effects:STATE")(KINDS)
+    assert max(told["apart"]) < 1e-12 and told["stored"] < 1e-9
+    for one, other, *errors in told["energy"]:
+        assert one == pytest.approx(other, rel=1e-8) and abs(one) > 1e-4 and max(map(abs, errors)) < 1e-8
+    assert told["states"] == [0, 1] and told["multipliers"] == [4, 5]
 
 
 def test_their_module_may_come_first(install):

@@ -1,4 +1,4 @@
-"""The exact and the general engine share no step: over 500 periods of a stable motion they give the same run."""
+"""The exact and the hybrid engine share no step: over 500 periods of a stable motion they give the same run."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Dry friction in the general engine: against closed forms, against SciPy, and against its own definition."""
+"""Dry friction in the hybrid engine: against closed forms, against SciPy, and against its own definition."""
 
 import math
 from itertools import pairwise
@@ -10,7 +10,9 @@ from scipy.optimize import brentq
 
 from drillenv.checks import InputError
 from drillenv.dynamics.effects import EVERYWHERE, Chosen, Effect, Parameter, make
-from drillenv.dynamics.general import FREE, LOADING, UNLOADING, Start, run_general
+from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
+from drillenv.dynamics.hybrid.model import Start
+from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
 
@@ -47,7 +49,7 @@ def test_free_decay_loses_four_times_friction_over_stiffness_a_cycle(stretch):
     reach, half = limit / rig.stiffness, math.pi * math.sqrt(rig.indenter_mass / rig.stiffness)
     swings = math.ceil((abs(stretch) - reach) / (2 * reach))
     seconds = max(swings + 2, 3) * half
-    run = run_general(
+    run = run_hybrid(
         rig, Setting(50.0, 0.45, 1.0), ROCKS[4], seconds, 8 / half, start=Start(stretch, 0.0, 0.0, FAR, FREE),
         effects=[HELD, make("indenter-friction", fc2=limit), NO_DAMPER, NO_DRIVE],
     )  # fmt: skip
@@ -80,7 +82,7 @@ def test_free_decay_with_a_damper_too():
     while abs(turns[-1]) > reach:
         turns.append(-math.copysign(1.0, turns[-1]) * ((abs(turns[-1]) - reach) * shrink - reach))
     assert len(turns) > 4
-    run = run_general(
+    run = run_hybrid(
         rig, Setting(50.0, 0.45, 1.0), ROCKS[4], (len(turns) + 1) * math.pi / damped, damped / math.pi,
         start=Start(stretch, 0.0, 0.0, FAR, FREE), effects=[HELD, make("indenter-friction", fc2=limit), NO_DRIVE],
     )  # fmt: skip
@@ -123,11 +125,11 @@ def forced(q, share, periods, rate_per_period=64):
     rig = Rig(stiffness=mass * (2 * math.pi * setting.frequency / q) ** 2, drive_gain=gain)
     push = rig.drive_force(setting)
     effects = [HELD, make("indenter-friction", fc2=share * push), NO_DAMPER]
-    lead = run_general(
+    lead = run_hybrid(
         rig, setting, ROCKS[4], periods / 100, 0.0, start=Start(push / rig.stiffness, 0.0, 0.0, FAR, FREE),
         effects=effects,
     )  # fmt: skip
-    run = run_general(
+    run = run_hybrid(
         rig, setting, ROCKS[4], 2 / 100, rate_per_period * 100.0, lead.end_phase, lead.end._replace(w=FAR), effects
     )
     return run, push / rig.stiffness
@@ -161,11 +163,11 @@ def test_weak_drive_never_moves_a_mass():
     """Below the limit nothing moves at all, and nothing is lost."""
     rig, setting = Rig(), Setting(60.0, 0.3, 1.0)
     enough = 1.01 * (rig.drive_force(setting) + rig.static_force(setting))
-    run = run_general(rig, setting, ROCKS[4], 1.0, 1e3, effects=[HELD, make("indenter-friction", fc2=enough)])
+    run = run_hybrid(rig, setting, ROCKS[4], 1.0, 1e3, effects=[HELD, make("indenter-friction", fc2=enough)])
     assert np.all(run.x2 == 0.0) and np.all(run.v2 == 0.0) and np.all(run.v1 == 0.0)
     assert np.all(run.force == 0.0) and len(run.switches.time) == 0 and np.all(run.energy.effects == 0.0)
     less = 0.99 * (rig.drive_force(setting) + rig.static_force(setting))
-    moved = run_general(rig, setting, ROCKS[4], 1.0, 1e3, effects=[HELD, make("indenter-friction", fc2=less)])
+    moved = run_hybrid(rig, setting, ROCKS[4], 1.0, 1e3, effects=[HELD, make("indenter-friction", fc2=less)])
     # it gives way once, into the rock, and is held there
     assert np.any(moved.v2 > 0.0) and len(moved.switches.time) == 1 and moved.end.v2 == 0.0
     assert moved.end.w > 0.0 and moved.end.regime == LOADING
@@ -298,7 +300,7 @@ class Peer:
 def test_friction_and_contact_agree_with_scipy(setting, case, fc1, fc2, periods):
     chosen = [make("guide-friction", fc1=fc1), make("indenter-friction", fc2=fc2)]
     seconds = periods * setting.period
-    run = run_general(Rig(), setting, ROCKS[case], seconds, 200e3, effects=chosen)
+    run = run_hybrid(Rig(), setting, ROCKS[case], seconds, 200e3, effects=chosen)
     z, xf, log, holds = Peer(Rig(), setting, ROCKS[case], (fc1, fc2)).run(seconds)
     assert len(log) >= 12
     assert [regime for _, regime in log] == list(run.switches.after)
@@ -360,7 +362,7 @@ def test_friction_does_what_it_says_at_random_settings():
     for _ in range(12):
         setting, rock, fc1, fc2 = drawn_case(rng)
         chosen = [make("guide-friction", fc1=fc1), make("indenter-friction", fc2=fc2)]
-        run = run_general(Rig(), setting, rock, 0.5, 20e3, effects=chosen)
+        run = run_hybrid(Rig(), setting, rock, 0.5, 20e3, effects=chosen)
         check_definition(Rig(), setting, run, fc1, fc2)
 
 
@@ -372,7 +374,7 @@ def test_friction_does_what_it_says_at_many_settings():
         setting, rock, fc1, fc2 = drawn_case(rng)
         rig = Rig(shaker_mass=10 ** rng.uniform(1.0, 2.6), damping=10 ** rng.uniform(2.0, 3.7))
         chosen = [make("guide-friction", fc1=fc1), make("indenter-friction", fc2=fc2)]
-        run = run_general(rig, setting, rock, 1.0, 10e3, effects=chosen)
+        run = run_hybrid(rig, setting, rock, 1.0, 10e3, effects=chosen)
         check_definition(rig, setting, run, fc1, fc2)
         held += np.any(run.extra == 0.0)
     assert held > 100
@@ -383,7 +385,7 @@ def test_mass_may_be_held_while_the_rock_swings():
     setting = Setting(60.0, 0.3, 0.6)
     soft = make("rock-mount-compliance", s_r=2e-6, m_r=2.0, zeta_r=0.01)
     start = Start(0.0, 0.0, 0.5, 0.0, LOADING, (0.0, 0.0, 0.0))
-    run = run_general(
+    run = run_hybrid(
         Rig(), setting, ROCKS[4], 0.2, 50e3, start=start, effects=[HELD, make("indenter-friction", fc2=900.0), soft]
     )
     held = run.extra[:, 1] == 0.0
@@ -396,26 +398,24 @@ def test_mass_may_be_held_while_the_rock_swings():
 def test_run_with_friction_goes_on_where_it_ended():
     setting = Setting(60.0, 0.45, 1.0)
     chosen = [make("guide-friction", fc1=150.0), make("indenter-friction", fc2=160.0)]
-    whole = run_general(Rig(), setting, ROCKS[4], 1.0, 1e4, effects=chosen)
+    whole = run_hybrid(Rig(), setting, ROCKS[4], 1.0, 1e4, effects=chosen)
     held = [float(whole.time[(whole.extra[:, mass] == 0.0) & (whole.time > 0.3)][0]) for mass in (0, 1)]
     for at in (0.5, *held):
-        first = run_general(Rig(), setting, ROCKS[4], at, 0.0, effects=chosen)
-        second = run_general(Rig(), setting, ROCKS[4], 1.0 - at, 0.0, first.end_phase, first.end, chosen)
+        first = run_hybrid(Rig(), setting, ROCKS[4], at, 0.0, effects=chosen)
+        second = run_hybrid(Rig(), setting, ROCKS[4], 1.0 - at, 0.0, first.end_phase, first.end, chosen)
         assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
         assert second.end.regime == whole.end.regime and second.end.extra == whole.end.extra
         assert abs(first.end_origin + second.end_origin - whole.end_origin) < 1e-9
         # what slides or sticks follows from the speeds and the forces, so a start need not say it
         silent = first.end._replace(extra=())
-        again = run_general(Rig(), setting, ROCKS[4], 1.0 - at, 0.0, first.end_phase, silent, chosen)
+        again = run_hybrid(Rig(), setting, ROCKS[4], 1.0 - at, 0.0, first.end_phase, silent, chosen)
         assert again.end == second.end
         assert at == 0.5 or 0.0 in first.end.extra
 
 
 def test_samples_leave_friction_alone():
     chosen = [make("guide-friction", fc1=45.0), make("indenter-friction", fc2=60.0)]
-    none, fine = (
-        run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.3, rate, effects=chosen) for rate in (0, 3e4)
-    )
+    none, fine = (run_hybrid(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.3, rate, effects=chosen) for rate in (0, 3e4))
     assert none.end == fine.end and none.steps == fine.steps
     assert np.array_equal(none.impacts.force, fine.impacts.force)
 
@@ -423,9 +423,9 @@ def test_samples_leave_friction_alone():
 def test_one_friction_a_mass():
     other = Chosen(make("guide-friction").effect.__class__(**{
         **{name: getattr(HELD.effect, name) for name in HELD.effect.__slots__}, "name": "more-friction",
-    }), (3.0,))  # fmt: skip
-    with pytest.raises(InputError, match="grip the same mass") as caught:
-        run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.1, 0.0, effects=[HELD, other])
+    }), (3.0, 0.0))  # fmt: skip
+    with pytest.raises(InputError, match="guide-friction and more-friction both set the shaker grip") as caught:
+        run_hybrid(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.1, 0.0, effects=[HELD, other])
     assert "\n" not in str(caught.value)
 
 
@@ -434,7 +434,7 @@ def test_smooth_friction_agrees_with_scipy():
     rig, setting, (fc1, vs1, fc2, vs2) = Rig(), Setting(60.0, 0.45, 0.2), (45.0, 2e-3, 30.0, 2e-2)
     start = Start(0.0, 1e-3, -0.4, -0.05, FREE)
     chosen = [make("guide-friction", fc1=fc1, vs1=vs1), make("indenter-friction", fc2=fc2, vs2=vs2)]
-    run = run_general(rig, setting, ROCKS[1], 0.02, 5e3, start=start, effects=chosen)
+    run = run_hybrid(rig, setting, ROCKS[1], 0.02, 5e3, start=start, effects=chosen)
     assert not run.force.any() and (np.diff(np.sign(run.v1)) != 0).any()
 
     def slope(t, x):
@@ -457,7 +457,7 @@ def test_smooth_friction_agrees_with_scipy():
 def test_sharp_transition_comes_to_dry_friction():
     setting = Setting(60.0, 0.45, 1.0)
     runs = [
-        run_general(Rig(), setting, ROCKS[4], 0.03, 5e3, effects=[make("guide-friction", fc1=60.0, vs1=vs1)])
+        run_hybrid(Rig(), setting, ROCKS[4], 0.03, 5e3, effects=[make("guide-friction", fc1=60.0, vs1=vs1)])
         for vs1 in (0.0, 1e-5, 1e-4)
     ]
     dry, sharp, less = (run.v1 for run in runs)

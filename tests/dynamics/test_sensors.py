@@ -9,7 +9,7 @@ import pytest
 
 from drillenv.checks import InputError
 from drillenv.dynamics.effects import Channels, make
-from drillenv.dynamics.general import run_general
+from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.dynamics.sensors import PerChannel, Recording, channels_of, digitised, in_order, read, record
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
@@ -110,8 +110,8 @@ def rung(run, w, zeta):
 
 def test_recorded_resonance_on_a_motion():
     """A real motion with its corners, sampled 16 times a sample, against one known 64 times as densely."""
-    lead = run_general(RIG, SETTING, ROCK, 0.5, 0.0)
-    dense = run_general(RIG, SETTING, ROCK, 0.02, 64 * RATE, lead.end_phase, lead.end)
+    lead = run_hybrid(RIG, SETTING, ROCK, 0.5, 0.0)
+    dense = run_hybrid(RIG, SETTING, ROCK, 0.02, 64 * RATE, lead.end_phase, lead.end)
     w, zeta = 2 * math.pi * 4480.0, 0.022
     expected = rung(dense, w, zeta)[::64]
     given = record(
@@ -128,8 +128,8 @@ def test_recorded_resonance_on_a_motion():
 def test_delay_is_the_motion_earlier(delay):
     """The delayed channel is that of a run which is sampled earlier."""
     given = recorded(make("channel-delay", delay_a=delay), phase=0.7)
-    begun = run_general(RIG, SETTING, ROCK, 1.0 - delay, 0.0, 0.7 - 2 * math.pi * 90.0)
-    early = run_general(RIG, SETTING, ROCK, 0.1, RATE, begun.end_phase, begun.end)
+    begun = run_hybrid(RIG, SETTING, ROCK, 1.0 - delay, 0.0, 0.7 - 2 * math.pi * 90.0)
+    early = run_hybrid(RIG, SETTING, ROCK, 0.1, RATE, begun.end_phase, begun.end)
     error = np.abs(given.channels.acceleration - early.acceleration)
     # between four samples at 16 times the rate; next to a corner of the acceleration that is a fraction of its bend
     assert np.median(error) < 1e-4 and np.max(error) < 1.0
@@ -188,7 +188,7 @@ def test_offset_is_its_equation_behind_all_else():
 
 def test_recording_is_the_run():
     given = record(RIG, SETTING, ROCK, 0.2, RATE, phase=0.4)
-    run = run_general(RIG, SETTING, ROCK, 0.2, RATE, 0.4)
+    run = run_hybrid(RIG, SETTING, ROCK, 0.2, RATE, 0.4)
     assert np.array_equal(given.channels.force, run.force)
     assert np.array_equal(given.channels.acceleration, run.acceleration)
     assert np.allclose(given.channels.excitation, 0.45 * np.sin(0.4 + 2 * math.pi * 90 * run.time), rtol=0, atol=1e-12)
@@ -247,7 +247,7 @@ def test_sensors_act_in_one_order():
 
 
 def test_channels_of_a_run():
-    run = run_general(RIG, SETTING, ROCK, 0.01, 1e4, 0.3)
+    run = run_hybrid(RIG, SETTING, ROCK, 0.01, 1e4, 0.3)
     channels = channels_of(run, SETTING, 0.3)
     assert math.isclose(channels.rate, 1e4) and np.allclose(channels.time, run.time)
     assert np.allclose(channels.excitation, 0.45 * np.sin(0.3 + 2 * math.pi * 90 * run.time), rtol=0, atol=1e-13)
@@ -274,7 +274,7 @@ def test_bad_input_is_said_in_one_line():
         ("oversample is 0", lambda: recorded(oversample=0)),
         ("sample_rate is 0", lambda: record(RIG, SETTING, ROCK, 0.1, 0.0)),
         ("does not act on the motion", lambda: record(RIG, SETTING, ROCK, 0.1, effects=[hum])),
-        ("has 0 samples", lambda: channels_of(run_general(RIG, SETTING, ROCK, 0.1, 0.0), SETTING)),
+        ("has 0 samples", lambda: channels_of(run_hybrid(RIG, SETTING, ROCK, 0.1, 0.0), SETTING)),
         ("bits without spans", lambda: digitised(recorded().truth, bits=12)),
     ):
         with pytest.raises(InputError, match=message) as caught:

@@ -4,7 +4,6 @@ import json
 import math
 import pickle
 import re
-from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -15,19 +14,10 @@ from scipy.interpolate import PchipInterpolator
 from drillenv.atlas import sweep
 from drillenv.checks import InputError
 from drillenv.corrected import Corrected, model_record, read_model, write_model
-from drillenv.dynamics.curves import (
-    COUNT,
-    KNOTS,
-    Curve,
-    pchip_slopes,
-    row_of,
-    row_of_period,
-    row_of_rock,
-    time_to_knot,
-    value_of,
-)
-from drillenv.dynamics.effects import EVERYWHERE, TABULATED, Chosen, Moment, make
-from drillenv.dynamics.general import LOADING, UNLOADING, run_general
+from drillenv.dynamics.constitutive.curves import Curve, pchip_slopes, table_along, table_around, table_of_tangents
+from drillenv.dynamics.effects import EVERYWHERE, TABULATED, Chosen, make
+from drillenv.dynamics.flow import LOADING, UNLOADING
+from drillenv.dynamics.hybrid.run import integrate, run_hybrid
 from drillenv.dynamics.motion import motion
 from drillenv.dynamics.simulate import simulate
 from drillenv.rig import Rig, Setting
@@ -53,7 +43,7 @@ KNOTS_AT = {
 
 
 def run(*chosen, seconds=0.3, rate=20e3, **more):
-    return run_general(RIG, SETTING, ROCK, seconds, rate, effects=chosen, **more)
+    return run_hybrid(RIG, SETTING, ROCK, seconds, rate, effects=chosen, **more)
 
 
 def table(place, function, **more):
@@ -84,31 +74,39 @@ def test_curve_is_the_monotone_cubic_of_scipy(knots):
     rng = np.random.default_rng(knots)
     for _ in range(5):
         x, y = np.sort(rng.normal(size=knots)), np.round(rng.normal(size=knots), 1)
-        row, at = row_of(Curve(tuple(x), tuple(y))), np.linspace(x[0], x[-1], 301)
-        np.testing.assert_allclose([value_of(row, each) for each in at], PchipInterpolator(x, y)(at), atol=1e-12)
+        found, at = table_along(Curve(tuple(x), tuple(y)), x[0], x[-1]), np.linspace(x[0], x[-1], 301)
+        np.testing.assert_allclose(found(at), PchipInterpolator(x, y)(at), atol=1e-12)
 
 
 def test_curve_is_held_or_goes_on_straight():
     x, y = (1.0, 2.0, 4.0), (3.0, 5.0, 8.0)
-    held, straight = (row_of(Curve(x, y, beyond)) for beyond in ("held", "straight"))
     slopes = pchip_slopes(x, y)
-    for off in (0.5, 30.0):
-        assert value_of(held, 1.0 - off) == 3.0 and value_of(held, 4.0 + off) == 8.0
-        assert value_of(straight, 1.0 - off) == pytest.approx(3.0 - slopes[0] * off, rel=1e-14)
-        assert value_of(straight, 4.0 + off) == pytest.approx(8.0 + slopes[-1] * off, rel=1e-14)
+    for reach in (5.0, 50.0):
+        # also beyond the range of the table
+        held, straight = (table_along(Curve(x, y, beyond), -reach, reach) for beyond in ("held", "straight"))
+        for off in (0.5, 30.0):
+            at = np.array([1.0 - off, 4.0 + off])
+            np.testing.assert_allclose(held(at), [3.0, 8.0], rtol=1e-14)
+            np.testing.assert_allclose(straight(at), [3.0 - slopes[0] * off, 8.0 + slopes[-1] * off], rtol=1e-13)
     assert slopes[0] > 0.0 and slopes[-1] > 0.0
 
 
 @pytest.mark.parametrize("closed", [False, True])
 def test_a_curve_that_repeats_is_smooth_where_it_closes(closed):
-    x = np.linspace(0.3, 0.3 + 2.0 * np.pi, 40, endpoint=closed)
+    turn = 2.0 * np.pi
+    x = np.linspace(0.3, 0.3 + turn, 40, endpoint=closed)
     y = np.sin(2.0 * x)
     y[-1] = y[0] if closed else y[-1]
-    row = row_of_period(Curve(tuple(x), tuple(y)), 2.0 * np.pi)
-    at = np.linspace(0.3, 0.3 + 2.0 * np.pi, 500)
-    assert np.max(np.abs([value_of(row, each) for each in at] - np.sin(2.0 * at))) < 0.02
-    count = int(row[COUNT])
-    assert row[KNOTS + count] == row[KNOTS + 2 * count - 1] and row[KNOTS + 2 * count] == row[-1] != 0.0
+    found = table_around(Curve(tuple(x), tuple(y)), turn)
+    at = np.linspace(0.0, turn, 500)
+    assert np.max(np.abs(found(at) - np.sin(2.0 * at))) < 0.02
+    assert (found.knots[0], found.knots[-1]) == (0.0, turn)
+    # value and slope go on where it closes, from a turn to the next as at the knot that it was given
+    for near in (1e-6, 1e-5):
+        ends = [found(np.array([start, start + near])) for start in (0.0, turn - near)]
+        slopes = [(after - before) / near for before, after in ends]
+        assert slopes[0] == pytest.approx(slopes[1], abs=20.0 * near) and abs(slopes[0]) > 1.0
+    assert found(np.array([0.0]))[0] == pytest.approx(found(np.array([turn]))[0], abs=1e-13)
 
 
 def test_rock_follows_its_tangent():
@@ -116,33 +114,26 @@ def test_rock_follows_its_tangent():
     rng = np.random.default_rng(1)
     x = np.cumsum(rng.uniform(20.0, 200.0, 20))
     curve = Curve(tuple(x), tuple(np.exp(rng.normal(0.0, 0.5, 20))))
-    row, factor = row_of_rock(curve), PchipInterpolator(curve.x, curve.y)
+    found, factor = table_of_tangents(curve, 1e6), PchipInterpolator(curve.x, curve.y)
 
     def tangent(_u, force):
         return factor(np.clip(force, x[0], x[-1]))
 
     u = np.linspace(0.0, 3000.0, 400)
     solved = solve_ivp(tangent, (0.0, u[-1]), [0.0], t_eval=u, rtol=1e-9, atol=1e-6, max_step=5.0).y[0]
-    np.testing.assert_allclose([value_of(row, each) for each in u], solved, atol=1e-4 * solved[-1])
-    assert np.all(np.diff([value_of(row, each) for each in np.linspace(-100.0, 3000.0, 5000)]) > 0.0)
-    assert value_of(row, 0.0) == 0.0 and value_of(row, -1.0) == pytest.approx(-curve.y[0])
+    np.testing.assert_allclose(found(u), solved, atol=1e-4 * solved[-1])
+    assert np.all(np.diff(found(np.linspace(-100.0, 3000.0, 5000))) > 0.0)
+    assert abs(found(np.array([0.0]))[0]) < 1e-13 and found(np.array([-1.0]))[0] == pytest.approx(-curve.y[0])
 
 
-def test_a_knot_is_always_ahead():
-    """The engine steps to it and must get on, also from a knot and from beside one; a straight way is timed exactly."""
+def test_knots_are_corners():
+    """The engine ends its steps where the slope or the curvature jumps, and nowhere else."""
     rng = np.random.default_rng(2)
     x = np.cumsum(rng.uniform(0.5, 1.5, 9))
-    row = row_of(Curve(tuple(x), tuple(rng.normal(size=9))))
-    for place in [*x, *(x + 1e-9), *(x - 1e-9), *rng.uniform(x[0] - 3.0, x[-1] + 3.0, 200)]:
-        speed, change = rng.normal(size=2) * rng.integers(0, 2, 2)
-        seconds = time_to_knot(row, place, speed, change)
-        assert seconds > 0.0
-        if seconds < math.inf:
-            assert np.min(np.abs(place + speed * seconds + change * seconds**2 / 2 - x)) < 1e-9
-        if speed > 0.0 and place < x[-1] - 1e-4:
-            ahead = x[x > place + 1e-4]
-            assert time_to_knot(row, place, speed, 0.0) == pytest.approx((ahead[0] - place) / speed, rel=1e-6)
-    assert time_to_knot(row_of(Curve((0.0, 1.0), (0.0, 0.0))), 0.3, 1.0, 0.0) == math.inf
+    found = table_along(Curve(tuple(x), tuple(rng.normal(size=9))), x[0] - 5.0, x[-1] + 5.0)
+    assert found.knots[1:-1].tolist() == x.tolist() and found.corners.all()
+    straight = table_along(Curve((0.0, 1.0, 2.0), (0.0, 1.0, 2.0), "straight"), -5.0, 5.0)
+    assert not straight.corners.any()
 
 
 # --- Entries
@@ -270,14 +261,11 @@ def test_one_way_leaves_the_other_alone():
 
 
 @pytest.mark.parametrize("place", KNOTS_AT)
-def test_corners_said_ahead_leave_the_motion_alone(place):
-    rng = np.random.default_rng(4)
-    chosen = wavy(place, rng)
-    told, blind = run(chosen), run(replace(chosen, effect=replace(chosen.effect, corner=None)))
-    assert np.max(np.abs(told.x2 - blind.x2)) < 1e-9
-    assert np.max(np.abs(told.x2 - run().x2)) > 1e-7
-    assert told.steps < 30000
-    assert abs(told.energy.error) < 1e-9 * (abs(told.energy.drive) + told.energy.stored_before)
+def test_a_measured_curve_is_followed(place):
+    result = run(wavy(place, np.random.default_rng(4)))
+    assert result.steps < 30000
+    assert np.max(np.abs(result.x2 - run().x2)) > 1e-7
+    assert abs(result.energy.error) < 1e-9 * (abs(result.energy.drive) + result.energy.stored_before)
 
 
 def test_all_places_at_once():
@@ -290,8 +278,7 @@ def test_all_places_at_once():
 
 
 def test_another_curve_compiles_nothing():
-    from drillenv.dynamics.general_calls import _compiled
-    from drillenv.dynamics.general_runs import integrate
+    from drillenv.dynamics.hybrid.compiled import _compiled
 
     rng = np.random.default_rng(6)
     run(wavy("spring", rng))
@@ -302,16 +289,17 @@ def test_another_curve_compiles_nothing():
 
 
 def test_waveform_takes_any_phase():
-    """The phase handed to a term may be any number of turns off."""
+    """Over turn after turn, from whatever phase, the drive is the curve at the phase of the excitation."""
     chosen = table("drive-waveform", lambda t: math.sin(3.0 * t))
-    values = []
-    for theta in (1.0, 1.0 - 2.0 * math.pi, 1.0 + 40.0 * math.pi):
-        now = Moment(*([0.0] * 20))._replace(theta=theta, drive=2.0)
-        push = np.zeros(3)
-        chosen.effect.term(now, np.zeros(0), chosen.values, push, np.zeros(0))
-        values.append(push[1])
-    assert values == pytest.approx([2.0 * math.sin(3.0)] * 3, abs=0.02)
-    assert np.ptp(values) < 1e-12
+    curve = table_around(chosen.curve, 2.0 * math.pi)
+    runs = [run(chosen, phase=phase) for phase in (1.0, 1.0 - 2.0 * math.pi, 1.0 + 40.0 * math.pi)]
+    for result in runs:
+        theta = 1.0 + 2.0 * math.pi * SETTING.frequency * result.time
+        pair = RIG.stiffness * (result.x1 - result.x2) + RIG.damping * (result.v1 - result.v2)
+        drive = RIG.indenter_mass * result.acceleration - pair + result.force
+        wanted = RIG.drive_force(SETTING) * (np.sin(theta) + curve(theta % (2.0 * math.pi)))
+        np.testing.assert_allclose(drive, wanted, atol=1e-7)
+        np.testing.assert_allclose(result.x2, runs[0].x2, atol=1e-12)
 
 
 # --- Wherever an effect may be given

@@ -2,40 +2,33 @@
 
 To add an effect, write one new module here that sets ``EFFECT``; nothing else changes. Effects of other distributions
 join those of this package by the entry point group ``drillenv.effects``, see CONTRIBUTING.md. The module says
-everything about the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is one
-to four plain functions that the general engine compiles:
+everything about the effect once: words, equation, source, parameters, and what it does. On the drilling rig that is
 
-``term(now, own, p, push, rates)``
-    Smooth forces. Add to ``push[ON_SHAKER]`` and ``push[ON_INDENTER]`` (N, positive toward the rock) and to
-    ``push[ON_ROCK]`` (N, positive: the rock resists more; ignored out of contact). ``now`` is a :class:`Moment`, ``p``
-    the parameters in their order, ``own`` the effect's extra states, whose time derivatives go to ``rates``. The
-    engine takes care that the contact never pulls.
-``shape(depth, regime, stiffness, ratio, own, p) -> depth``
-    Bends the rock law to ``R = k * shape(depth)``, k, the ``stiffness``, being k_l while loading and k_u while
-    unloading, ``ratio`` their quotient k_l / k_u: rising, 0 at 0, and defined for negative depths too, since a trial
-    step may overshoot. Shapes of several effects follow one another. So that the rock gives nothing away, each force
-    must be reached on a way out that is no softer than the way in.
-``switched(before, after, own, p)``
-    Called at each change of regime; may change the effect's extra states. What a shape reads may change only where a
-    contact begins or ends, or the force would jump.
+``laws``
+    By place (:mod:`drillenv.dynamics.constitutive.places`), a law in plain NumPy: ``law(x, p, stiffness)``, from
+    arguments (n,), the parameters in their order and the coupling's stiffness k in N/m to values (n,). At ``loading``
+    and ``unloading`` it is the shape of the contact, a :class:`~drillenv.dynamics.constitutive.places.Shape`. Laws are
+    continuous; corners are found. So that the rock gives nothing away, each force must be reached on a way out that is
+    no softer than the way in.
+``scalars``
+    ``scalars(p)``: what it sets of the model that is no curve, by the names of ``places.SCALARS``: a mount, the air, a
+    vibration, dry friction that grips.
+``term``
+    For what is neither, one compiled function with states of its own, ``term(now, own, p, push, rates)``: ordinary
+    Python on numbers and one-dimensional arrays, within what Numba compiles, that raises nothing. It adds smooth forces
+    to ``push[ON_SHAKER]`` and ``push[ON_INDENTER]`` (N, positive toward the rock) and to ``push[ON_ROCK]`` (N, positive
+    where the rock resists more; ignored out of contact). ``now`` is a :class:`Moment`, ``own`` the effect's extra
+    states, whose time derivatives go to ``rates``. A corner in it is found by the control of the step's error; a jump
+    is not, and must not hide there. No effect of this package needs a term.
 
-``corner(now, a1, a2, p) -> seconds``
-    How long a step may be, for the sake of a corner in a force of the effect: until the next one, as far as the
-    accelerations ``a1`` and ``a2`` (m/s^2) tell, and, where it is rounded, short enough to go through it; infinity
-    where there is none ahead. One that has just been reached lies behind. It only saves time.
-
-These are ordinary Python on numbers and one-dimensional arrays, within what Numba compiles, and raise nothing. With
-every parameter at its neutral value an effect must change nothing, to the last bit. A corner in a force that nobody
-told of is found by the control of the step's error; a jump is not, and must not hide in a ``term``. The one jump that
-the engine follows is dry friction: an effect that ``grips`` a mass states its limit, as its first parameter, and the
-engine does the rest.
+With every parameter at its neutral value an effect must change nothing, to the last bit. The engine takes care that the
+contact never pulls.
 
 Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
 what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig.
 
 An effect that follows a measured curve has no parameters of its own, but ``axes``: what the curve is over and what it
-gives. Its ``p`` is the row of parameters that ``axes.row`` makes of a curve. A module with several effects sets
-``EFFECTS`` in place of ``EFFECT``.
+gives. A module with several effects sets ``EFFECTS`` in place of ``EFFECT``.
 """
 
 from __future__ import annotations
@@ -46,14 +39,16 @@ import importlib
 import importlib.metadata
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from drillenv.checks import InputError, number, shown
-from drillenv.dynamics.curves import LARGEST, Curve, curve_from
+from drillenv.dynamics.constitutive.curves import LARGEST, Curve, curve_from
+from drillenv.dynamics.constitutive.places import Law, Over, Shape
+from drillenv.dynamics.constitutive.tables import Table
 from drillenv.dynamics.forms import Form
 
 GROUP = "drillenv.effects"
@@ -97,7 +92,7 @@ class Moment(NamedTuple):
     face: float
     """Displacement of the rock's face in m, 0 unless a mount lets it move."""
     rock: float
-    """Force of the rock in N: of the rock law alone, or, for an effect that comes last, of all."""
+    """Force of the rock law in N."""
     regime: int
     """0 no contact, 1 loading, 2 unloading."""
     drive: float
@@ -164,6 +159,9 @@ class Extra:
     turns: bool = False
     """Whether it is an angle that goes round at a rate of its own, whatever the rig does, or is such an angle kept: a
     motion then comes back only where these angles do."""
+    kept: str = ""
+    """Where the engine keeps it, see ``MEMORY`` of :mod:`drillenv.dynamics.hybrid.model`; a state of the effect's own
+    term where left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +174,12 @@ class Axes:
     quantity: str
     """What the curve gives, with the sign that it counts by."""
     unit: str
-    row: Callable[[Curve], tuple[float, ...]]
-    """Makes the row of parameters of a curve. A ``ValueError`` says why a curve cannot be one of this effect."""
+    place: int
+    """The code of the place where it acts."""
+    table: Callable[[Curve], Table]
+    """Makes the table of a curve. A ``ValueError`` says why a curve cannot be one of this effect."""
+    over: Over = "depth"
+    """At a contact: what its table is over."""
     neutral: float = 0.0
     """The value at which the effect is as if absent."""
     low: float = -LARGEST
@@ -205,18 +207,9 @@ class Effect:
     energy: Literal["loses", "stores", "moves", "none"]
     """What it does to the rig's energy: only takes it, gives back what it took, either, or nothing of its own."""
     extras: tuple[Extra, ...] = ()
+    laws: Mapping[str, Law | Shape] = field(default_factory=dict, hash=False)
+    scalars: Callable[[tuple[float, ...]], Mapping[str, float]] | None = None
     term: Callable | None = None
-    shape: Callable | None = None
-    switched: Callable | None = None
-    corner: Callable | None = None
-    comes_last: bool = False
-    """Its term needs the whole force of the rock, so it is called after the others."""
-    moves_face: bool = False
-    """Its first extra state is the speed of the rock's face in m/s."""
-    grips: int | None = None
-    """``ON_SHAKER`` or ``ON_INDENTER``: dry friction holds this mass back, up to the first parameter in N, as long as
-    the second, a speed over which it sets in smoothly by its term, is 0. Its first extra state is the way the mass
-    slides: 1, -1, or 0 while it sticks."""
     measure: Callable[[Channels, Channels, tuple[float, ...]], Channels] | None = None
     """What a sensor makes of the channels: from the true ones and from those that the sensors before it have read."""
     stage: int = 0
@@ -227,7 +220,7 @@ class Effect:
     on_body: Callable[..., np.ndarray] | None = None
     """Force in N on the mass of a one-body rig, to be added to mass * acceleration = force - law."""
     forms: tuple[Form, ...] = ()
-    """Its equations as curves, for a diagnosis."""
+    """How a diagnosis tries its equations."""
     counted: Callable[[tuple[float, ...]], float] | None = None
     """Its first extra state counts impacts on a face, and all of them begin anew on a fresh one: after how many, for
     these parameters, nothing changes any more."""
@@ -241,8 +234,8 @@ class Effect:
 
     @property
     def moves_rig(self) -> bool:
-        """Whether it acts on the motion of the drilling rig, so that the general engine takes it."""
-        return self.term is not None or self.shape is not None or self.grips is not None
+        """Whether it acts on the motion of the drilling rig, so that the hybrid engine takes it."""
+        return bool(self.laws) or self.scalars is not None or self.term is not None or self.axes is not None
 
     def parameter(self, symbol: str) -> Parameter:
         """The parameter of this symbol.
@@ -262,7 +255,7 @@ class Chosen:
 
     effect: Effect
     values: tuple[float, ...]
-    """Of an effect that follows a measured curve the row of parameters that the engine reads it from."""
+    """Of an effect that follows a measured curve its arguments, then its values."""
     curve: Curve | None = None
     """The measured curve that it follows, if any."""
 
@@ -337,9 +330,10 @@ def _along(effect: Effect, values: Mapping[str, object]) -> Chosen:
     assert axes is not None
     curve = curve_from(effect.name, values, axes.argument_unit, axes.unit, axes.low, axes.high)
     try:
-        return Chosen(effect, axes.row(curve), curve)
+        axes.table(curve)
     except ValueError as error:
         raise InputError(f"the curve of {effect.name} cannot be: {error}") from None
+    return Chosen(effect, (*curve.x, *curve.y), curve)
 
 
 @functools.cache

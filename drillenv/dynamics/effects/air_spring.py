@@ -1,15 +1,10 @@
 """Cylinder pressure that falls as the piston advances."""
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_SHAKER, Effect, Extra, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _term(now, own, p, push, rates):
-    push[ON_SHAKER] -= own[0]
-    rates[0] = p[0] * now.v1 - own[0] / p[1]
-
-
-def _numbers(p, around):
+def _scalars(p):
     return {"air_stiffness": p[0], "air_rate": 1.0 / p[1]}
 
 
@@ -25,7 +20,7 @@ EFFECT = Effect(
     balances=("shaker",),
     regimes=EVERYWHERE,
     energy="moves",
-    extras=(Extra("s", "force the cylinder has lost", "N", 10.0),),
-    term=_term,
-    forms=(Form("straight", ("k_a", "tau"), ((5e4, 0.1), (5e4, 0.4)), numbers=_numbers),),
+    extras=(Extra("s", "force the cylinder has lost", "N", 10.0, kept="q"),),
+    scalars=_scalars,
+    forms=(Form("straight", ("k_a", "tau"), ((5e4, 0.1), (5e4, 0.4))),),
 )

@@ -1,39 +1,17 @@
 """Play in the coupling before its spring acts."""
 
-import math
-
 import numpy as np
 
-from drillenv.dynamics.corners import time_to
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
 from drillenv.dynamics.forms import Form
-
-
-def _term(now, own, p, push, rates):
-    beyond = now.y - now.static / now.k
-    force = -now.k * min(max(beyond - p[1], 0.0), p[0])
-    push[ON_SHAKER] -= force
-    push[ON_INDENTER] += force
-
-
-def _corner(now, a1, a2, p):
-    if p[0] == 0.0:
-        return math.inf
-    first, change = math.inf, a1 - a2
-    for corner in (p[1], p[1] + p[0]):
-        off = now.y - now.static / now.k - corner
-        # a nanometre beside it is on it
-        if abs(off) >= 1e-9:
-            first = min(first, time_to(off, now.closing, change))
-    return first
 
 
 def _on_body(position, velocity, applied, stiffness, p):
     return stiffness * np.clip(position - p[1], 0.0, p[0])
 
 
-def _law(x, p, around):
-    return -around.k * np.clip(x - p[1], 0.0, p[0])
+def _law(beyond, p, stiffness):
+    return -stiffness * np.clip(beyond - p[1], 0.0, p[0])
 
 
 # Play about the unloaded spring would be closed for good: the static force holds the spring some 3 mm shortened, and it
@@ -53,15 +31,13 @@ EFFECT = Effect(
     balances=("indenter", "body"),
     regimes=EVERYWHERE,
     energy="stores",
-    term=_term,
-    corner=_corner,
+    laws={"spring-from-rest": _law},
     on_body=_on_body,
     forms=(
         Form(
             "no force over the play",
             ("g", "y0"),
             tuple((g, y0) for g in (2e-4, 5e-4, 1e-3) for y0 in (-3e-4, -1e-4, 0.0)),
-            {"spring-from-rest": _law},
         ),
     ),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from drillenv.dynamics.constitutive.places import Shape
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Parameter
 from drillenv.dynamics.forms import Form
 
@@ -9,19 +10,8 @@ REFERENCE_DEPTH = 1e-4
 """d0 in m: at this depth the force is that of the linear law, so that k_l and k_u keep the unit N/m."""
 
 
-def _shape(depth, regime, stiffness, ratio, own, p):
-    if p[0] == 1.0:
-        return depth
-    bent = REFERENCE_DEPTH * (abs(depth) / REFERENCE_DEPTH) ** p[0]
-    return bent if depth >= 0.0 else -bent
-
-
-def _loading_law(x, p, around):
-    return p[0] * (np.maximum(x, 1e-12) / REFERENCE_DEPTH) ** (1.0 - 1.0 / p[0])
-
-
-def _unloading_law(x, p, around):
-    return p[0] * (np.maximum(x, 1e-12) * around.kl / around.ku / REFERENCE_DEPTH) ** (1.0 - 1.0 / p[0])
+def _shape(depth, p, stiffness):
+    return REFERENCE_DEPTH * (np.maximum(depth, 0.0) / REFERENCE_DEPTH) ** p[0]
 
 
 # One exponent for both ways. The paper's own law has two, n_l and n_u, and sets both to 1. With two that differ, the
@@ -39,6 +29,6 @@ EFFECT = Effect(
     balances=("contact",),
     regimes=IN_CONTACT,
     energy="none",
-    shape=_shape,
-    forms=(Form("power", ("n",), ((0.9,), (1.1,), (1.4,)), {"loading": _loading_law, "unloading": _unloading_law}),),
+    laws={"loading": Shape(_shape), "unloading": Shape(_shape)},
+    forms=(Form("power", ("n",), ((0.9,), (1.1,), (1.4,))),),
 )

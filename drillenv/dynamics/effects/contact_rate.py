@@ -1,15 +1,11 @@
 """The rock resists fast impacts more."""
 
-from drillenv.dynamics.effects import IN_CONTACT, ON_ROCK, Effect, Parameter
+from drillenv.dynamics.effects import IN_CONTACT, Effect, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _term(now, own, p, push, rates):
-    push[ON_ROCK] += now.rock * p[0] * now.into
-
-
-def _law(x, p, around):
-    return p[0] * x
+def _law(speed, p, stiffness):
+    return p[0] * speed
 
 
 EFFECT = Effect(
@@ -24,6 +20,6 @@ EFFECT = Effect(
     balances=("contact",),
     regimes=IN_CONTACT,
     energy="loses",
-    term=_term,
-    forms=(Form("hunt-crossley", ("chi",), ((0.3,), (1.0,)), {"rate-factor": _law}),),
+    laws={"rate-factor": _law},
+    forms=(Form("hunt-crossley", ("chi",), ((0.3,), (1.0,))),),
 )

@@ -2,18 +2,12 @@
 
 import numpy as np
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _term(now, own, p, push, rates):
-    force = p[0] * abs(now.closing) * now.closing
-    push[ON_SHAKER] -= force
-    push[ON_INDENTER] += force
-
-
-def _law(x, p, around):
-    return p[0] * np.abs(x) * x
+def _law(closing, p, stiffness):
+    return p[0] * np.abs(closing) * closing
 
 
 EFFECT = Effect(
@@ -25,6 +19,6 @@ EFFECT = Effect(
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="loses",
-    term=_term,
-    forms=(Form("quadratic", ("c2",), ((500.0,),), {"damper": _law}),),
+    laws={"damper": _law},
+    forms=(Form("quadratic", ("c2",), ((500.0,),)),),
 )

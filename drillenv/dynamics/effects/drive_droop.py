@@ -1,18 +1,11 @@
 """A drive force that falls off with frequency."""
 
-import math
-
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, Effect, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _term(now, own, p, push, rates):
-    ratio = p[0] * now.omega / (2.0 * math.pi)
-    push[ON_INDENTER] += now.drive * math.sin(now.theta) * (1.0 / math.sqrt(1.0 + ratio * ratio) - 1.0)
-
-
-def _numbers(p, around):
-    return {"drive": 1.0 / math.sqrt(1.0 + (p[0] * around.frequency) ** 2) - 1.0}
+def _scalars(p):
+    return {"drive_lag": p[0]}
 
 
 EFFECT = Effect(
@@ -24,6 +17,6 @@ EFFECT = Effect(
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="moves",
-    term=_term,
-    forms=(Form("first order", ("s",), ((2e-3,), (6e-3,)), numbers=_numbers),),
+    scalars=_scalars,
+    forms=(Form("first order", ("s",), ((2e-3,), (6e-3,))),),
 )

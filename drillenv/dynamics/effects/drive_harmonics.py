@@ -4,18 +4,12 @@ import math
 
 import numpy as np
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, Effect, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _term(now, own, p, push, rates):
-    second = p[0] * math.sin(2.0 * now.theta + p[1])
-    third = p[2] * math.sin(3.0 * now.theta + p[3])
-    push[ON_INDENTER] += now.drive * (second + third)
-
-
-def _law(x, p, around):
-    return p[0] * np.sin(2.0 * x + p[1]) + p[2] * np.sin(3.0 * x + p[3])
+def _law(theta, p, stiffness):
+    return p[0] * np.sin(2.0 * theta + p[1]) + p[2] * np.sin(3.0 * theta + p[3])
 
 
 EFFECT = Effect(
@@ -32,13 +26,12 @@ EFFECT = Effect(
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="moves",
-    term=_term,
+    laws={"drive-waveform": _law},
     forms=(
         Form(
             "second and third",
             ("h2", "phi2", "h3", "phi3"),
             tuple((0.08, a, 0.06, b) for a in (-2.0, 0.0, 2.0) for b in (-2.0, 0.0, 2.0)),
-            {"drive-waveform": _law},
         ),
     ),
 )

@@ -2,21 +2,20 @@
 
 import math
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Extra, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 
 
-def _term(now, own, p, push, rates):
+def _scalars(p):
     if p[0] == 0.0 and p[1] == 0.0:
-        rates[0] = 0.0
-        return
-    wave = math.sin(own[0] + p[3])
-    push[ON_SHAKER] += p[0] * wave
-    push[ON_INDENTER] += p[1] * wave
-    rates[0] = 2.0 * math.pi * p[2]
+        return {}
+    return {
+        "shaker_vibration": p[0],
+        "indenter_vibration": p[1],
+        "vibration_rate": 2.0 * math.pi * p[2],
+        "vibration_phase": p[3],
+    }
 
 
-# The phase is a state, and no function of the time since a run began: runs that go on from one another, as those of an
-# environment do, then share one vibration.
 EFFECT = Effect(
     name="external-vibration",
     sentence="The floor or another machine shakes the rig at a frequency of its own.",
@@ -31,6 +30,6 @@ EFFECT = Effect(
     balances=("shaker", "indenter"),
     regimes=EVERYWHERE,
     energy="moves",
-    extras=(Extra("a", "phase of the vibration since the start", "rad", 1.0, turns=True),),
-    term=_term,
+    extras=(Extra("a", "phase of the vibration since the start", "rad", 1.0, turns=True, kept="vibration"),),
+    scalars=_scalars,
 )

@@ -1,25 +1,18 @@
 """Dry friction on the guides of the shaker body."""
 
-import math
-
 import numpy as np
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_SHAKER, Effect, Extra, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
-ROUNDED = 1e-4
-"""m/s over which a fit of the law takes friction that grips to set in."""
+
+def _law(speed, p, stiffness):
+    # at a transition speed of 0 it grips
+    return p[0] * np.tanh(speed / p[1]) if p[1] > 0.0 else np.zeros_like(speed)
 
 
-def _term(now, own, p, push, rates):
-    # at a transition speed of 0 it grips, which is the engine's
-    if p[1] > 0.0:
-        push[ON_SHAKER] -= p[0] * math.tanh(now.v1 / p[1])
-
-
-def _law(x, p, around):
-    # a grip is rounded over what is nothing against the speeds of the rig
-    return p[0] * np.tanh(x / max(p[1], ROUNDED))
+def _scalars(p):
+    return {"shaker_grip": p[0] if p[1] == 0.0 else 0.0}
 
 
 EFFECT = Effect(
@@ -42,11 +35,11 @@ EFFECT = Effect(
     balances=("shaker",),
     regimes=EVERYWHERE,
     energy="loses",
-    extras=(Extra("slide1", "way the shaker body slides: 1, -1, or 0 while it sticks", "1", 1.0),),
-    term=_term,
-    grips=ON_SHAKER,
+    extras=(Extra("slide1", "way the shaker body slides: 1, -1, or 0 while it sticks", "1", 1.0, kept="slide1"),),
+    laws={"guide": _law},
+    scalars=_scalars,
     forms=(
-        Form("coulomb", ("fc1",), ((20.0,), (60.0,)), {"guide": _law}),
-        Form("rounded", ("fc1", "vs1"), ((30.0, 3e-4),), {"guide": _law}),
+        Form("coulomb", ("fc1",), ((20.0,), (60.0,))),
+        Form("rounded", ("fc1", "vs1"), ((30.0, 3e-4),)),
     ),
 )

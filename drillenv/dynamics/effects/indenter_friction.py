@@ -1,33 +1,18 @@
 """Dry friction on the indenter."""
 
-import math
-
 import numpy as np
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, Effect, Extra, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
-ROUNDED = 2e-3
-"""m/s over which a fit of the law takes friction that grips to set in."""
+
+def _law(speed, p, stiffness):
+    # at a transition speed of 0 it grips
+    return p[0] * np.tanh(speed / p[1]) if p[1] > 0.0 else np.zeros_like(speed)
 
 
-def _term(now, own, p, push, rates):
-    # at a transition speed of 0 it grips, which is the engine's
-    if p[1] > 0.0:
-        push[ON_INDENTER] -= p[0] * math.tanh(now.v2 / p[1])
-
-
-def _corner(now, a1, a2, p):
-    # all of the turn lies within three transition speeds, and steps of two of them go through it
-    speed, change = abs(now.v2), abs(a2)
-    if p[0] == 0.0 or p[1] == 0.0 or change == 0.0 or (speed > 3.0 * p[1] and now.v2 * a2 > 0.0):
-        return math.inf
-    return max(speed - 3.0 * p[1], 2.0 * p[1]) / change
-
-
-def _law(x, p, around):
-    # a grip is rounded over what is nothing against the speeds of the rig
-    return p[0] * np.tanh(x / max(p[1], ROUNDED))
+def _scalars(p):
+    return {"indenter_grip": p[0] if p[1] == 0.0 else 0.0}
 
 
 EFFECT = Effect(
@@ -50,12 +35,11 @@ EFFECT = Effect(
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="loses",
-    extras=(Extra("slide2", "way the indenter slides: 1, -1, or 0 while it sticks", "1", 1.0),),
-    term=_term,
-    corner=_corner,
-    grips=ON_INDENTER,
+    extras=(Extra("slide2", "way the indenter slides: 1, -1, or 0 while it sticks", "1", 1.0, kept="slide2"),),
+    laws={"indenter": _law},
+    scalars=_scalars,
     forms=(
-        Form("coulomb", ("fc2",), ((20.0,), (60.0,)), {"indenter": _law}),
-        Form("rounded", ("fc2", "vs2"), ((30.0, 5e-3),), {"indenter": _law}),
+        Form("coulomb", ("fc2",), ((20.0,), (60.0,))),
+        Form("rounded", ("fc2", "vs2"), ((30.0, 5e-3),)),
     ),
 )

@@ -1,32 +1,18 @@
 """Rock that stiffens over the first impacts on a fresh face."""
 
-import math
-
 import numpy as np
 
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _shape(depth, regime, stiffness, ratio, own, p):
-    return depth * (1.0 - p[0] * math.exp(-own[1] / p[1]))
-
-
-def _switched(before, after, own, p):
-    if before == 1 and after == 2:
-        own[0] += 1.0
-    elif before == 0:
-        # the stiffness may change only here, where there is no force that would jump
-        own[1] = own[0]
+def _law(impacts, p, stiffness):
+    return -p[0] * np.exp(-impacts / p[1])
 
 
 def _counted(p):
     # ten times leave less than 5e-5 of what the face lacked
     return 10.0 * p[1]
-
-
-def _law(x, p, around):
-    return -p[0] * np.exp(-x / p[1])
 
 
 EFFECT = Effect(
@@ -48,11 +34,10 @@ EFFECT = Effect(
     regimes=IN_CONTACT,
     energy="none",
     extras=(
-        Extra("N", "impacts since the face was fresh", "1", 1.0),
-        Extra("N_contact", "N where the latest contact began", "1", 1.0),
+        Extra("N", "impacts since the face was fresh", "1", 1.0, kept="N"),
+        Extra("N_contact", "N where the latest contact began", "1", 1.0, kept="N_contact"),
     ),
-    shape=_shape,
-    switched=_switched,
+    laws={"compaction": _law},
     counted=_counted,
-    forms=(Form("exponential", ("soft", "soft_n"), ((0.3, 10.0), (0.3, 40.0)), {"compaction": _law}),),
+    forms=(Form("exponential", ("soft", "soft_n"), ((0.3, 10.0), (0.3, 40.0))),),
 )

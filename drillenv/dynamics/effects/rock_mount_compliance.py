@@ -6,20 +6,11 @@ from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
 
-def _term(now, own, p, push, rates):
-    compliance, mass, ratio = p[0], p[1], p[2]
-    if compliance == 0.0:
-        rates[0] = 0.0
-    else:
-        damping = 2.0 * ratio * math.sqrt(mass / compliance)
-        rates[0] = (now.rock - now.face / compliance - damping * own[0]) / mass
-
-
-def _numbers(p, around):
-    if p[0] <= 0.0:
+def _scalars(p):
+    if p[0] == 0.0:
         return {}
-    turn = math.sqrt(1.0 / (p[0] * p[1]))
-    return {"mount_gain": 1.0 / p[1], "mount_square": turn**2, "mount_damping": 2.0 * p[2] * turn}
+    square = 1.0 / (p[0] * p[1])
+    return {"mount_gain": 1.0 / p[1], "mount_square": square, "mount_damping": 2.0 * p[2] * math.sqrt(square)}
 
 
 EFFECT = Effect(
@@ -35,16 +26,13 @@ EFFECT = Effect(
     balances=("contact",),
     regimes=EVERYWHERE,
     energy="moves",
-    extras=(Extra("u'", "speed of the rock's face", "m/s", 0.1),),
-    term=_term,
-    comes_last=True,
-    moves_face=True,
+    extras=(Extra("u'", "speed of the rock's face", "m/s", 0.1, kept="u'"),),
+    scalars=_scalars,
     forms=(
         Form(
             "one mass",
             ("s_r", "m_r", "zeta_r"),
             tuple((s, m, 0.08) for m in (15.0, 40.0, 85.0) for s in (8e-9, 2e-8, 4.5e-8)),
-            numbers=_numbers,
         ),
     ),
 )

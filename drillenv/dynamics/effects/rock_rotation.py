@@ -5,18 +5,10 @@ import math
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Extra, Parameter
 
 
-def _term(now, own, p, push, rates):
-    rates[0] = 0.0 if p[0] == 0.0 else p[1]
-
-
-def _shape(depth, regime, stiffness, ratio, own, p):
-    return depth * (1.0 + p[0] * math.cos(own[1] + p[2]))
-
-
-def _switched(before, after, own, p):
-    if before == 0:
-        # the stiffness may change only here, where there is no force that would jump
-        own[1] = own[0]
+def _scalars(p):
+    if p[0] == 0.0:
+        return {}
+    return {"rotation_share": p[0], "rotation_rate": p[1], "rotation_phase": p[2]}
 
 
 EFFECT = Effect(
@@ -35,10 +27,8 @@ EFFECT = Effect(
     regimes=IN_CONTACT,
     energy="none",
     extras=(
-        Extra("a", "angle turned since the start", "rad", 1.0, turns=True),
-        Extra("a_contact", "a where the latest contact began", "rad", 1.0, turns=True),
+        Extra("a", "angle turned since the start", "rad", 1.0, turns=True, kept="rotation"),
+        Extra("a_contact", "a where the latest contact began", "rad", 1.0, turns=True, kept="rotation_contact"),
     ),
-    term=_term,
-    shape=_shape,
-    switched=_switched,
+    scalars=_scalars,
 )

@@ -1,21 +1,15 @@
 """A cubic term in the coupling spring."""
 
-from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Effect, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
 from drillenv.dynamics.forms import Form
-
-
-def _term(now, own, p, push, rates):
-    force = p[0] * now.y * now.y * now.y
-    push[ON_SHAKER] -= force
-    push[ON_INDENTER] += force
 
 
 def _on_body(position, velocity, applied, stiffness, p):
     return -p[0] * position**3
 
 
-def _law(x, p, around):
-    return p[0] * x**3
+def _law(shortening, p, stiffness):
+    return p[0] * shortening**3
 
 
 EFFECT = Effect(
@@ -40,7 +34,7 @@ EFFECT = Effect(
     balances=("indenter", "body"),
     regimes=EVERYWHERE,
     energy="stores",
-    term=_term,
+    laws={"spring": _law},
     on_body=_on_body,
-    forms=(Form("cubic", ("k3",), ((3e9,),), {"spring": _law}),),
+    forms=(Form("cubic", ("k3",), ((3e9,),)),),
 )

@@ -1,169 +1,63 @@
 """Laws that were measured, where no textbook equation follows them: one effect for each place in which one may act."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from drillenv.dynamics.curves import FLAT, row_of, row_of_period, row_of_rock, time_to_knot, value_of
-from drillenv.dynamics.effects import (
-    EVERYWHERE,
-    IN_CONTACT,
-    ON_INDENTER,
-    ON_ROCK,
-    ON_SHAKER,
-    Axes,
-    Effect,
-    Extra,
-)
+from drillenv.dynamics.constitutive.curves import Curve, table_along, table_around, table_of_tangents
+from drillenv.dynamics.constitutive.places import CODE, PLACES
+from drillenv.dynamics.constitutive.tables import Table
+from drillenv.dynamics.effects import EVERYWHERE, IN_CONTACT, Axes, Effect, Extra
 
 TURN = 2.0 * math.pi
 
 
-# --- The rock
-
-
-def _loading_shape(depth, regime, stiffness, ratio, own, p):
-    return value_of(p, stiffness * depth) / stiffness if regime == 1 and p[FLAT] == 0.0 else depth
-
-
-def _loading_corner(now, a1, a2, p):
-    return time_to_knot(p, now.kl * now.depth, now.kl * now.into, now.kl * a2) if now.regime == 1 else math.inf
-
-
-def _unloading_shape(depth, regime, stiffness, ratio, own, p):
-    return value_of(p, stiffness * depth) / stiffness if regime == 2 and p[FLAT] == 0.0 else depth
-
-
-def _unloading_corner(now, a1, a2, p):
-    return time_to_knot(p, now.ku * now.depth, now.ku * now.into, now.ku * a2) if now.regime == 2 else math.inf
-
-
-def _rate_factor_term(now, own, p, push, rates):
-    push[ON_ROCK] += now.rock * value_of(p, now.into)
-
-
-def _rate_force_term(now, own, p, push, rates):
-    push[ON_ROCK] += value_of(p, now.into)
-
-
-def _rate_corner(now, a1, a2, p):
-    return time_to_knot(p, now.into, a2, 0.0) if now.regime != 0 else math.inf
-
-
-def _compaction_shape(depth, regime, stiffness, ratio, own, p):
-    return depth * (1.0 + value_of(p, own[1]))
-
-
-def _compaction_switched(before, after, own, p):
-    if before == 1 and after == 2:
-        own[0] += 1.0
-    elif before == 0:
-        # the stiffness may change only here, where there is no force that would jump
-        own[1] = own[0]
-
-
-def _compaction_counted(p):
-    # the last knot, behind the three numbers of the head
-    return p[2 + int(p[1])]
-
-
-# --- The coupling
-
-
-def _spring_term(now, own, p, push, rates):
-    force = value_of(p, now.y)
-    push[ON_SHAKER] -= force
-    push[ON_INDENTER] += force
-
-
-def _spring_corner(now, a1, a2, p):
-    return time_to_knot(p, now.y, now.closing, a1 - a2)
-
-
-def _spring_from_rest_term(now, own, p, push, rates):
-    force = value_of(p, now.y - now.static / now.k)
-    push[ON_SHAKER] -= force
-    push[ON_INDENTER] += force
-
-
-def _spring_from_rest_corner(now, a1, a2, p):
-    return time_to_knot(p, now.y - now.static / now.k, now.closing, a1 - a2)
-
-
-def _damper_term(now, own, p, push, rates):
-    force = value_of(p, now.closing)
-    push[ON_SHAKER] -= force
-    push[ON_INDENTER] += force
-
-
-def _damper_corner(now, a1, a2, p):
-    return time_to_knot(p, now.closing, a1 - a2, 0.0)
-
-
-# --- What holds a mass back
-
-
-def _guide_term(now, own, p, push, rates):
-    push[ON_SHAKER] -= value_of(p, now.v1)
-
-
-def _guide_corner(now, a1, a2, p):
-    return time_to_knot(p, now.v1, a1, 0.0)
-
-
-def _indenter_term(now, own, p, push, rates):
-    push[ON_INDENTER] -= value_of(p, now.v2)
-
-
-def _indenter_corner(now, a1, a2, p):
-    return time_to_knot(p, now.v2, a2, 0.0)
-
-
-# --- The drive
-
-
-def _waveform_term(now, own, p, push, rates):
-    phase = now.theta - TURN * math.floor((now.theta - p[3]) / TURN)
-    push[ON_INDENTER] += now.drive * value_of(p, phase)
-
-
-def _waveform_corner(now, a1, a2, p):
-    phase = now.theta - TURN * math.floor((now.theta - p[3]) / TURN)
-    return time_to_knot(p, phase, now.omega, 0.0)
-
-
-def _drive_curve_term(now, own, p, push, rates):
-    push[ON_INDENTER] += value_of(p, now.drive * math.sin(now.theta))
-
-
-def _drive_curve_corner(now, a1, a2, p):
-    asked = now.drive * math.sin(now.theta)
-    return time_to_knot(p, asked, now.drive * now.omega * math.cos(now.theta), -now.omega * now.omega * asked)
+HARDEST = 1e6
+"""N, up to which force a contact is tabulated; beyond it goes on straight."""
 
 
 # --- What a curve may be
 
 
-def _row_of_tangent(curve):
+def _tangents(curve: Curve) -> Table:
     if curve.x[0] < 0.0:
         raise ValueError("its forces begin below 0, and the rock never pulls")
-    return _row_held(curve, row_of_rock)
+    _must_be_held(curve)
+    return table_of_tangents(curve, HARDEST)
 
 
-def _row_of_impacts(curve):
+def _impacts(curve: Curve) -> Table:
     if curve.x[0] < 0.0:
         raise ValueError("its impacts begin below 0")
-    return _row_held(curve, row_of)
+    _must_be_held(curve)
+    return _Along("compaction")(curve)
 
 
-def _row_held(curve, row):
+def _must_be_held(curve: Curve) -> None:
     if curve.beyond != "held":
         raise ValueError("going on straight it would leave a rock without stiffness, so it has to be held")
-    return row(curve)
 
 
-def _row_of_phase(curve):
+def _phases(curve: Curve) -> Table:
     if curve.beyond != "held":
         raise ValueError("a curve that repeats has nothing beyond it, so leave beyond out")
-    return row_of_period(curve, TURN)
+    return table_around(curve, TURN)
+
+
+@dataclass(frozen=True)
+class _Along:
+    """A curve over the range of a place."""
+
+    place: str
+
+    def __call__(self, curve: Curve) -> Table:
+        there = PLACES[CODE[self.place]]
+        return table_along(curve, min(there.low, curve.x[0]), max(there.high, curve.x[-1]))
+
+
+def _last_impacts(values: tuple[float, ...]) -> float:
+    # arguments, then as many values
+    return values[len(values) // 2 - 1]
 
 
 SOURCE = (
@@ -173,7 +67,13 @@ SOURCE = (
 FORCE, SPEED = ("N", "m/s")
 
 
-def _effect(place, sentence, equation, balance, energy, axes, term=None, shape=None, corner=None, **more):
+def _effect(
+    place: str, sentence: str, equation: str, balance, energy, quantity: tuple[str, str, str, str],
+    table: Callable[[Curve], Table] | None = None, **more,
+) -> Effect:  # fmt: skip
+    """The effect of a place; ``quantity`` says what a curve is over and what it gives, with their units."""
+    contact = place in ("loading", "unloading")
+    bounds = {"loading": (1.0, 1e-3, 1e3), "unloading": (1.0, 1e-3, 1e3), "compaction": (0.0, -0.99, 1e3)}
     return Effect(
         name=f"tabulated-{place}",
         sentence=sentence,
@@ -183,10 +83,13 @@ def _effect(place, sentence, equation, balance, energy, axes, term=None, shape=N
         balances=(balance,),
         regimes=IN_CONTACT if balance == "contact" else EVERYWHERE,
         energy=energy,
-        term=term,
-        shape=shape,
-        corner=corner,
-        axes=axes,
+        axes=Axes(
+            *quantity,
+            CODE[place],
+            table or _Along(place),
+            "force" if contact else "depth",
+            *bounds.get(place, ()),
+        ),
         **more,
     )
 
@@ -200,9 +103,8 @@ EFFECTS = (
         "dR/d(X2 - Xp) = k_l f(R), loading",
         "contact",
         "none",
-        Axes("force of the rock", FORCE, _STIFFER, "1", _row_of_tangent, 1.0, 1e-3, 1e3),
-        shape=_loading_shape,
-        corner=_loading_corner,
+        ("force of the rock", FORCE, _STIFFER, "1"),
+        _tangents,
     ),
     _effect(
         "unloading",
@@ -210,9 +112,8 @@ EFFECTS = (
         "dR/d(X2 - Xf) = k_u f(R), unloading",
         "contact",
         "none",
-        Axes("force of the rock", FORCE, _STIFFER, "1", _row_of_tangent, 1.0, 1e-3, 1e3),
-        shape=_unloading_shape,
-        corner=_unloading_corner,
+        ("force of the rock", FORCE, _STIFFER, "1"),
+        _tangents,
     ),
     _effect(
         "rate-factor",
@@ -220,9 +121,7 @@ EFFECTS = (
         "R = R_law (1 + f(V)), V the speed into the rock, R never below 0",
         "contact",
         "moves",
-        Axes("speed into the rock", SPEED, "what the rock's force grows by, over that of the rock law", "1", row_of),
-        _rate_factor_term,
-        corner=_rate_corner,
+        ("speed into the rock", SPEED, "what the rock's force grows by, over that of the rock law", "1"),
     ),
     _effect(
         "rate-force",
@@ -230,9 +129,7 @@ EFFECTS = (
         "R = R_law + f(V), V the speed into the rock, R never below 0",
         "contact",
         "moves",
-        Axes("speed into the rock", SPEED, "force of the rock beyond that of the rock law", FORCE, row_of),
-        _rate_force_term,
-        corner=_rate_corner,
+        ("speed into the rock", SPEED, "force of the rock beyond that of the rock law", FORCE),
     ),
     _effect(
         "compaction",
@@ -240,13 +137,12 @@ EFFECTS = (
         "k_l and k_u times 1 + f(N), N the impacts on this face before the contact began",
         "contact",
         "none",
-        Axes("impacts on a fresh face", "1", "factor on k_l and k_u, less 1", "1", _row_of_impacts, 0.0, -0.99, 1e3),
-        shape=_compaction_shape,
-        switched=_compaction_switched,
-        counted=_compaction_counted,
+        ("impacts on a fresh face", "1", "factor on k_l and k_u, less 1", "1"),
+        _impacts,
+        counted=_last_impacts,
         extras=(
-            Extra("N", "impacts since the face was fresh", "1", 1.0),
-            Extra("N_contact", "N where the latest contact began", "1", 1.0),
+            Extra("N", "impacts since the face was fresh", "1", 1.0, kept="N"),
+            Extra("N_contact", "N where the latest contact began", "1", 1.0, kept="N_contact"),
         ),
     ),
     _effect(
@@ -255,9 +151,7 @@ EFFECTS = (
         "coupling force + f(X1 - X2)",
         "indenter",
         "stores",
-        Axes("shortening of the coupling, X1 - X2", "m", "force of the coupling beyond k, c", FORCE, row_of),
-        _spring_term,
-        corner=_spring_corner,
+        ("shortening of the coupling, X1 - X2", "m", "force of the coupling beyond k, c", FORCE),
     ),
     _effect(
         "spring-from-rest",
@@ -265,9 +159,7 @@ EFFECTS = (
         "coupling force + f(X1 - X2 - F_b / k)",
         "indenter",
         "stores",
-        Axes("shortening of the coupling beyond that at rest", "m", "force of the coupling beyond k, c", FORCE, row_of),
-        _spring_from_rest_term,
-        corner=_spring_from_rest_corner,
+        ("shortening of the coupling beyond that at rest", "m", "force of the coupling beyond k, c", FORCE),
     ),
     _effect(
         "damper",
@@ -275,9 +167,7 @@ EFFECTS = (
         "coupling force + f(X1' - X2')",
         "indenter",
         "moves",
-        Axes("closing speed of the coupling, X1' - X2'", SPEED, "force of the coupling beyond k, c", FORCE, row_of),
-        _damper_term,
-        corner=_damper_corner,
+        ("closing speed of the coupling, X1' - X2'", SPEED, "force of the coupling beyond k, c", FORCE),
     ),
     _effect(
         "guide",
@@ -285,9 +175,7 @@ EFFECTS = (
         "force -f(X1') on the shaker body",
         "shaker",
         "moves",
-        Axes("speed of the shaker body", SPEED, "force against the motion of the shaker body", FORCE, row_of),
-        _guide_term,
-        corner=_guide_corner,
+        ("speed of the shaker body", SPEED, "force against the motion of the shaker body", FORCE),
     ),
     _effect(
         "indenter",
@@ -295,9 +183,7 @@ EFFECTS = (
         "force -f(X2') on the indenter",
         "indenter",
         "moves",
-        Axes("speed of the indenter", SPEED, "force against the motion of the indenter", FORCE, row_of),
-        _indenter_term,
-        corner=_indenter_corner,
+        ("speed of the indenter", SPEED, "force against the motion of the indenter", FORCE),
     ),
     _effect(
         "drive-waveform",
@@ -305,9 +191,8 @@ EFFECTS = (
         "drive force + F_a f(theta), of period 2 pi",
         "indenter",
         "moves",
-        Axes("phase of the excitation", "rad", "force of the drive beyond its sine, over F_a", "1", _row_of_phase),
-        _waveform_term,
-        corner=_waveform_corner,
+        ("phase of the excitation", "rad", "force of the drive beyond its sine, over F_a", "1"),
+        _phases,
     ),
     _effect(
         "drive-curve",
@@ -315,8 +200,6 @@ EFFECTS = (
         "drive force + f(F_a sin(theta))",
         "indenter",
         "moves",
-        Axes("force asked of the drive, F_a sin(theta)", FORCE, "force of the drive beyond that", FORCE, row_of),
-        _drive_curve_term,
-        corner=_drive_curve_corner,
+        ("force asked of the drive, F_a sin(theta)", FORCE, "force of the drive beyond that", FORCE),
     ),
 )

@@ -1,6 +1,5 @@
 import math
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,21 +7,14 @@ from scipy.integrate import solve_ivp
 
 from drillenv.checks import InputError
 from drillenv.dynamics import effects
+from drillenv.dynamics.constitutive.places import CODE
 from drillenv.dynamics.effects import Chosen
-from drillenv.dynamics.general import (
-    DONE,
-    FREE,
-    LOADING,
-    UNLOADING,
-    Start,
-    first_state,
-    integrate,
-    make_scratch,
-    model_for,
-    run_general,
-    start_at,
-)
-from drillenv.dynamics.general_runs import MEASURED_COLUMNS
+from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
+from drillenv.dynamics.hybrid.advance import WENT_ON
+from drillenv.dynamics.hybrid.model import Start, model_for, motion_at, tables_of
+from drillenv.dynamics.hybrid.run import SAMPLE_COLUMNS, extras_table, integrate, run_hybrid
+from drillenv.dynamics.hybrid.runge_kutta import make_scratch
+from drillenv.dynamics.hybrid.vector_field import CARRY, ORIGIN, THETA
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS, Rock
 
@@ -109,7 +101,7 @@ def compare(run, peer, tolerance):
 )
 def test_linear_law_agrees_with_scipy(setting, case, periods):
     seconds = periods * setting.period
-    run = run_general(Rig(), setting, ROCKS[case], seconds, 1 / seconds)
+    run = run_hybrid(Rig(), setting, ROCKS[case], seconds, 1 / seconds)
     assert len(run.impacts.time) > 40
     compare(run, Peer(Rig(), setting, ROCKS[case]).run(seconds), 1e-10)
 
@@ -117,7 +109,7 @@ def test_linear_law_agrees_with_scipy(setting, case, periods):
 def test_power_law_agrees_with_scipy():
     setting, seconds = Setting(60.0, 0.45, 1.0), 12 / 60.0
     chosen = [effects.make("contact-power-law", n=1.5)]
-    run = run_general(Rig(), setting, ROCKS[4], seconds, 1 / seconds, effects=chosen)
+    run = run_hybrid(Rig(), setting, ROCKS[4], seconds, 1 / seconds, effects=chosen)
     assert len(run.impacts.time) > 10
     compare(run, Peer(Rig(), setting, ROCKS[4], 1.5, 1.5).run(seconds), 1e-10)
 
@@ -134,14 +126,14 @@ def test_energy_balance_closes():
         effects.make("rock-mount-compliance", s_r=2e-8, m_r=20.0, zeta_r=0.1),
     ]
     for chosen in ([], every):
-        energy = run_general(Rig(), Setting(90.0, 0.45, 1.0), ROCKS[4], 1.0, 0.0, effects=chosen).energy
+        energy = run_hybrid(Rig(), Setting(90.0, 0.45, 1.0), ROCKS[4], 1.0, 0.0, effects=chosen).energy
         assert abs(energy.error) < 1e-9 * energy.drive
         assert energy.damper > 0 and energy.rock > 0 and energy.static > 0
 
 
 def test_no_contact_is_missed():
     """Off the rock means off the rock, in and out have their signs, and forces do not pull: at 200 kHz, 500 periods."""
-    run = run_general(Rig(), CHAOS, ROCKS[4], 500 / 120, 200e3)
+    run = run_hybrid(Rig(), CHAOS, ROCKS[4], 500 / 120, 200e3)
     gap = run.x2 - run.penetration
     assert np.max(gap[run.regime == FREE]) < 1e-15
     assert np.min(gap[run.regime != FREE]) > -1e-15
@@ -161,7 +153,7 @@ def test_no_contact_is_missed():
 def test_grazing_is_decided_to_the_last_digits(phase):
     """A flight is shifted so that its highest point just reaches, or just misses, the rock."""
     far = Start(0.003, 0.0, -0.05, -0.5, FREE)
-    flight = run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.02, 1e6, phase, far)
+    flight = run_hybrid(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.02, 1e6, phase, far)
     assert len(flight.switches.time) == 0
     inside = np.flatnonzero((flight.x2[1:-1] > flight.x2[:-2]) & (flight.x2[1:-1] > flight.x2[2:])) + 1
     assert inside.size, "this flight has no highest point"
@@ -172,12 +164,12 @@ def test_grazing_is_decided_to_the_last_digits(phase):
     assert np.all(flight.x2[: top - 1] < height)
     for shift, contacts in ((1e-13, 1), (-1e-13, 0)):
         start = far._replace(w=-(height + 0.5) - 0.5 + 0.5 + shift)
-        run = run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], earlier + 1e-5, 0.0, phase, start)
+        run = run_hybrid(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], earlier + 1e-5, 0.0, phase, start)
         assert np.sum(run.switches.after == LOADING) == contacts
 
 
 def test_sample_rate_leaves_the_motion_alone():
-    bare, fine = (run_general(Rig(), CHAOS, ROCKS[4], 0.5, rate) for rate in (0.0, 30e3))
+    bare, fine = (run_hybrid(Rig(), CHAOS, ROCKS[4], 0.5, rate) for rate in (0.0, 30e3))
     assert bare.end == fine.end and bare.steps == fine.steps
     assert np.array_equal(bare.impacts.force, fine.impacts.force)
     assert bare.time.size == 0 and fine.time.size == 15001 and fine.x1.shape == (15001,)
@@ -186,11 +178,33 @@ def test_sample_rate_leaves_the_motion_alone():
 def test_samples_are_the_motion():
     """Every sample is what a run of just that length ends in."""
     setting = Setting(60.0, 0.45, 1.0)
-    whole = run_general(Rig(), setting, ROCKS[4], 0.1, 1e3)
+    whole = run_hybrid(Rig(), setting, ROCKS[4], 0.1, 1e3)
     for i in range(0, 101, 7):
-        part = run_general(Rig(), setting, ROCKS[4], whole.time[i], 0.0)
+        part = run_hybrid(Rig(), setting, ROCKS[4], whole.time[i], 0.0)
         assert abs(part.end.v2 - whole.v2[i]) < 1e-11
         assert abs(part.end_origin + part.end.w - whole.x2[i]) < 1e-14
+
+
+CORNERED = {
+    "force-limit": (
+        {"F_max": 180.0, "F_s": 190.0},
+        {"drive-curve": (-180.0, 180.0), "spring": (-190 / 7e4, 190 / 7e4)},
+    ),
+    "backlash": ({"g": 4e-4, "y0": -5e-5}, {"spring-from-rest": (-5e-5, 3.5e-4)}),
+    "damping-quadratic": ({"c2": 500.0}, {"damper": (0.0,)}),
+}
+"""Effects with corners, and where these lie at a stiffness of the coupling of 7e4 N/m."""
+
+
+@pytest.mark.parametrize("name", CORNERED)
+def test_corners_are_found_in_the_law(name):
+    values, wanted = CORNERED[name]
+    found = {place: table for place, _over, table in tables_of(effects.make(name, **values), 7e4)}
+    assert set(found) == {CODE[place] for place in wanted}
+    for place, corners in wanted.items():
+        table = found[CODE[place]]
+        at = table.knots[1:-1][table.corners]
+        assert np.allclose(at, corners, rtol=1e-9, atol=1e-12), place
 
 
 @pytest.mark.parametrize(
@@ -199,59 +213,24 @@ def test_samples_are_the_motion():
         effects.make("force-limit", F_max=180.0),
         effects.make("force-limit", F_s=200.0),
         effects.make("backlash", g=4e-4, y0=-5e-5),
-        effects.make("indenter-friction", fc2=30.0, vs2=1e-4),
     ],
     ids=lambda chosen: chosen.effect.name,
 )
-def test_corners_said_ahead_save_steps_and_leave_the_motion_alone(chosen):
-    blind = Chosen(replace(chosen.effect, corner=None), chosen.values)
-    told, tried = (
-        run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.1, 1e3, effects=[each], rtol=1e-7)
-        for each in (chosen, blind)
-    )
-    assert told.steps < 0.8 * tried.steps and told.rejected < 0.5 * tried.rejected
-    assert np.allclose(told.x2, tried.x2, rtol=0.0, atol=1e-9) and np.ptp(told.x2) > 1e-5
-
-
-@pytest.mark.parametrize("name", [name for name, each in effects.REGISTRY.items() if each.corner])
-def test_a_corner_is_always_ahead(name):
-    """An engine that steps to it must get on: also from a corner, from beside it, and from rest."""
-    rng = np.random.default_rng(11)
-    effect = effects.REGISTRY[name]
-    chosen = {
-        "force-limit": (180.0, 190.0), "backlash": (4e-4, -5e-5), "indenter-friction": (30.0, 1e-3),
-    }[name]  # fmt: skip
-    at = math.asin(180.0 / 400.0)
-    phases = [
-        at,
-        -at,
-        at + 1e-9,
-        at - 1e-9,
-        at + 1e-10,
-        math.pi - at,
-        math.pi + at,
-        0.0,
-        *rng.uniform(-10.0, 10.0, 300),
-    ]
-    places = [-5e-5, 3.5e-4, -5e-5 + 1e-10, 3.5e-4 - 1e-9, 0.0]
-    for theta in phases:
-        closing, v2, a1, a2 = (float(rng.choice([0.0, 1.0]) * rng.normal()) for _ in range(4))
-        y = 0.003 + float(rng.choice([*places, rng.normal() * 1e-3]))
-        now = effects.Moment(
-            0.0, theta, 377.0, y, closing, v2 + closing, v2, -1e-4, v2, 0.0, 0.0, 0, 400.0, 210.0, 265.0, 3.0, 7e4,
-            2e3, 2e7, 2e8,
-        )  # fmt: skip
-        assert effect.corner is not None
-        assert effect.corner(now, a1, a2, chosen) > 0.0
-        assert effect.corner(now, a1, a2, effect.neutral) == math.inf
+def test_steps_end_on_corners(chosen):
+    """A step across a corner is of low order: a coarse run would be off by far more, or a fine one far longer."""
+    setting = Setting(60.0, 0.45, 1.0)
+    fine, coarse = (run_hybrid(Rig(), setting, ROCKS[4], 0.1, 1e3, effects=[chosen], rtol=r) for r in (1e-12, 1e-9))
+    plain = run_hybrid(Rig(), setting, ROCKS[4], 0.1, 1e3, rtol=1e-12)
+    assert fine.steps < 2 * plain.steps and coarse.steps < 0.7 * fine.steps
+    assert np.allclose(fine.x2, coarse.x2, rtol=0.0, atol=1e-10) and np.ptp(fine.x2) > 1e-5
 
 
 def test_run_goes_on_where_it_ended():
     setting = Setting(60.0, 0.45, 1.0)
     chosen = [effects.make("rock-mount-compliance", s_r=2e-8), effects.make("air-spring", k_a=2e3, tau=0.5)]
-    whole = run_general(Rig(), setting, ROCKS[4], 0.25, 0.0, effects=chosen)
-    first = run_general(Rig(), setting, ROCKS[4], 0.1, 0.0, effects=chosen)
-    second = run_general(Rig(), setting, ROCKS[4], 0.15, 0.0, first.end_phase, first.end, chosen)
+    whole = run_hybrid(Rig(), setting, ROCKS[4], 0.25, 0.0, effects=chosen)
+    first = run_hybrid(Rig(), setting, ROCKS[4], 0.1, 0.0, effects=chosen)
+    second = run_hybrid(Rig(), setting, ROCKS[4], 0.15, 0.0, first.end_phase, first.end, chosen)
     assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-11)
     assert np.allclose(second.end.extra, whole.end.extra, rtol=0, atol=1e-9)
     assert second.end.regime == whole.end.regime
@@ -270,9 +249,9 @@ def every_effect():
 def test_one_second_is_two_halves_with_every_effect():
     """Slides, counts of impacts, pressures and the mount are carried over."""
     setting, chosen = Setting(60.0, 0.45, 1.0), every_effect()
-    whole = run_general(Rig(), setting, ROCKS[4], 1.0, 0.0, effects=chosen)
-    first = run_general(Rig(), setting, ROCKS[4], 0.5, 0.0, effects=chosen)
-    second = run_general(Rig(), setting, ROCKS[4], 0.5, 0.0, first.end_phase, first.end, chosen)
+    whole = run_hybrid(Rig(), setting, ROCKS[4], 1.0, 0.0, effects=chosen)
+    first = run_hybrid(Rig(), setting, ROCKS[4], 0.5, 0.0, effects=chosen)
+    second = run_hybrid(Rig(), setting, ROCKS[4], 0.5, 0.0, first.end_phase, first.end, chosen)
     assert len(whole.impacts.time) > 50
     assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
     assert np.allclose(second.end.extra, whole.end.extra, rtol=1e-9, atol=1e-9)
@@ -281,41 +260,60 @@ def test_one_second_is_two_halves_with_every_effect():
 
 
 def test_intervals_by_the_kernel_are_the_run():
-    """What steps the engine interval by interval with the setting changed in between: states in and out by hand."""
+    """What drives the engine interval by interval, the setting changed in between: one motion, copied on the way."""
     chosen, settings = every_effect(), [Setting(60.0, 0.45, 1.0), Setting(75.0, 0.5, 1.2), Setting(60.0, 0.4, 0.8)]
-    start, phase, place = None, 0.3, 0.0
-    state, by_hand, origin = None, 0.3, 0.0
+    start, phase, place, motion = None, 0.3, 0.0, None
     for setting in settings:
-        run = run_general(Rig(), setting, ROCKS[4], 0.1, 0.0, phase, start, chosen)
+        run = run_hybrid(Rig(), setting, ROCKS[4], 0.1, 0.0, phase, start, chosen)
         start, phase, place = run.end, run.end_phase, place + run.end_origin
 
-        model, order = model_for(Rig(), setting, ROCKS[4], chosen)
-        z, regime = first_state(model, state, chosen, order)
-        scratch = make_scratch(z.size, len(chosen))
-        ended = integrate(model, by_hand, z, regime, 0.1, 0.0, np.zeros((0, 8 + model.tally)), 1e-12, scratch)
-        assert ended[0] == DONE
-        state, by_hand = start_at(model, z, ended[2], chosen, order), ended[5] % (2 * math.pi)
-        origin += ended[3] + ended[4]
-    assert state == start and by_hand == phase and origin == place
+        model = model_for(Rig(), setting, ROCKS[4], chosen)
+        begins = motion is None
+        motion = motion_at(model, chosen, None, 0.3) if motion is None else motion.copy()
+        ends = []
+        for d, z in (motion.copy(), motion):
+            samples = np.zeros((0, SAMPLE_COLUMNS))
+            ended = integrate(
+                True, model, d, z, begins, 0.1, 0.0, samples, extras_table(()), 1e-12, make_scratch(model)
+            )
+            assert ended[0] == WENT_ON
+            ends.append((d, z))
+        # copied, it goes on bit for bit
+        assert all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
+    assert motion is not None and start is not None
+    d, z = motion
+    # a run from a start chooses its first steps anew
+    assert np.allclose(z[:4], start[:4], rtol=0.0, atol=1e-9) and d[0] == start.regime
+    assert math.isclose(d[THETA], phase, abs_tol=1e-12)
+    assert math.isclose(d[ORIGIN] + d[CARRY], place, abs_tol=1e-9)
 
 
-def test_samples_of_two_columns_are_acceleration_and_force():
-    chosen, setting, rate = every_effect(), Setting(60.0, 0.45, 1.0), 5000.0
-    run = run_general(Rig(), setting, ROCKS[4], 0.1, rate, effects=chosen, rtol=1e-8)
-    model, order = model_for(Rig(), setting, ROCKS[4], chosen)
-    z, regime = first_state(model, None, chosen, order)
-    samples = np.zeros((run.time.size, MEASURED_COLUMNS))
-    # nor does the motion ask whether the peaks of impacts are kept
-    unrated = model._replace(rated=False)
-    status, *_rest = integrate(unrated, 0.0, z, regime, 0.1, rate, samples, 1e-8, make_scratch(z.size, len(chosen)))
-    assert model.rated and status == DONE
-    assert np.array_equal(samples.T, [run.acceleration, run.force])
+def test_a_motion_that_goes_on_is_the_run():
+    """In two parts by the kernel, without a start in between: steps, slides and counts go on."""
+    setting, chosen = Setting(60.0, 0.45, 1.0), every_effect()
+    whole = run_hybrid(Rig(), setting, ROCKS[4], 0.3, 5000.0, effects=chosen)
+    model, extras = model_for(Rig(), setting, ROCKS[4], chosen), extras_table(chosen)
+    d, z = motion_at(model, chosen, None)
+    parts, impacts, scratch = [], [], make_scratch(model)
+    for begins, seconds, count in ((True, 0.1, 500), (False, 0.2, 1001)):
+        samples = np.zeros((count, SAMPLE_COLUMNS + len(extras)))
+        status, _now, hits, _switches, _steps = integrate(
+            True, model, d, z, begins, seconds, 5000.0, samples, extras, 1e-12, scratch
+        )
+        assert status == WENT_ON
+        parts.append(samples)
+        impacts.append(hits[:, 1])
+    sampled = np.concatenate(parts)
+    assert np.allclose(sampled[:, 1], whole.x2, rtol=0.0, atol=1e-12)
+    assert np.allclose(sampled[:, 5], whole.force, rtol=0.0, atol=1e-6)
+    assert np.allclose(sampled[:, SAMPLE_COLUMNS:], whole.extra, rtol=1e-9, atol=1e-9)
+    assert np.allclose(np.concatenate(impacts), whole.impacts.force, rtol=1e-8)
 
 
 def test_drift_costs_no_digits():
     """A period-one motion still repeats itself to rounding after 30 s, far from where it began."""
     setting, soft = Setting(120.0, 0.45, 1.0), Rock(1e6, 4e6)
-    run = run_general(Rig(), setting, soft, 30.0, 120.0)
+    run = run_hybrid(Rig(), setting, soft, 30.0, 120.0)
     late = slice(-600, None)
     assert run.penetration[-1] > 0.5
     assert np.ptp(run.v2[late]) < 1e-9
@@ -324,7 +322,7 @@ def test_drift_costs_no_digits():
 
 def test_tolerance_is_kept():
     """Runs with other tolerances part only as fast as chaos makes them."""
-    runs = [run_general(Rig(), CHAOS, ROCKS[4], 0.25, 120.0, rtol=rtol) for rtol in (1e-12, 1e-13, 1e-10)]
+    runs = [run_hybrid(Rig(), CHAOS, ROCKS[4], 0.25, 120.0, rtol=rtol) for rtol in (1e-12, 1e-13, 1e-10)]
     assert np.allclose(runs[0].v2, runs[1].v2, rtol=0, atol=1e-8)
     assert np.allclose(runs[0].v2, runs[2].v2, rtol=0, atol=1e-6)
 
@@ -343,14 +341,14 @@ def test_bad_input_is_said_in_one_line():
         ("effects.make", {"effects": ["contact-rate"]}),
     ):
         with pytest.raises(InputError, match=message) as caught:
-            run_general(
+            run_hybrid(
                 **{"rig": Rig(), "setting": setting, "rock": ROCKS[4], "seconds": 0.1, "sample_rate": 0.0} | given
             )
         assert "\n" not in str(caught.value)
 
 
 def test_results_pickle():
-    run = run_general(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.05, 1e3)
+    run = run_hybrid(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.05, 1e3)
     again = pickle.loads(pickle.dumps(run))
     assert np.array_equal(again.x2, run.x2) and again.end == run.end
 
@@ -365,8 +363,62 @@ def test_samples_read_off_a_step_are_the_motion(name):
     }
     chosen = [effects.make(name, **values[name])] if name != "none" else []
     given = (Rig(), Setting(60.0, 0.45, 1.0), Rock(21.4e6, 25.05e6), 0.06, 25600.0)
-    tight, loose = (run_general(*given, effects=chosen, rtol=rtol) for rtol in (1e-12, 1e-8))
+    tight, loose = (run_hybrid(*given, effects=chosen, rtol=rtol) for rtol in (1e-12, 1e-8))
     peak = tight.force.max()
     assert peak > 500.0
     np.testing.assert_allclose(loose.force, tight.force, atol=1e-6 * peak)
     np.testing.assert_allclose(loose.acceleration, tight.acceleration, atol=1e-6 * np.abs(tight.acceleration).max())
+
+
+def test_a_loose_tolerance_is_kept_too():
+    """From 1e-9 on events and samples are read off polynomials."""
+    chosen = [effects.make("contact-rate", chi=0.5)]
+    given = (Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.1, 1e3)
+    tight, *loose = (run_hybrid(*given, effects=chosen, rtol=rtol) for rtol in (1e-12, 1e-7, 1e-5))
+    off = [np.abs(run.x2 - tight.x2).max() / np.ptp(tight.x2) for run in loose]
+    assert off[0] < 1e-5 and off[1] < 1e-3
+    assert loose[1].steps < loose[0].steps < 0.5 * tight.steps
+
+
+# --- Laws that cannot be
+
+
+def law_of(function, place="damper"):
+    """An effect with one law."""
+    parts = (
+        effects.Parameter("a", "strength", "1", 0.0, 1.0, 0.0, (0.5, 1.0)),
+        effects.Parameter("b", "teeth over 1 m/s", "s/m", 0.0, 100.0, 0.0, (5.0, 50.0)),
+    )
+    return effects.Effect(
+        "own-law", "A law of one's own.", "f", "constitutive", parts, ("indenter",), effects.EVERYWHERE, "moves",
+        laws={place: function},
+    )  # fmt: skip
+
+
+def _saw(x, p, stiffness):
+    return p[0] * np.abs((p[1] * x) % 1.0 - 0.5)
+
+
+def _few_teeth(x, p, stiffness):
+    return p[0] * np.abs((p[1] * np.clip(x, -0.5, 0.5)) % 1.0 - 0.5)
+
+
+def _nowhere_finite(x, p, stiffness):
+    return np.where(x > 1.0, np.nan, p[0] * x)
+
+
+def test_corners_up_to_a_limit():
+    """Some forty of them are followed; more than 64 are refused, and so is what is not finite."""
+    setting = Setting(60.0, 0.45, 1.0)
+    few = Chosen(law_of(_few_teeth), (1.0, 20.0))
+    (found,) = tables_of(few, 7e4)
+    assert np.allclose(found[2].knots[1:-1][found[2].corners], np.arange(-20, 21) / 40, atol=1e-10)
+    assert run_hybrid(Rig(), setting, ROCKS[4], 0.02, 0.0, effects=[few]).steps > 0
+    for law, teeth, why in (
+        (_saw, 10.0, "it has more than 64 corners"),
+        (_saw, 50.0, "it has more than 64 corners"),
+        (_nowhere_finite, 0.0, "it has values that are not finite"),
+    ):
+        with pytest.raises(InputError, match=f"the law of own-law at damper cannot be followed: .*{why}") as caught:
+            run_hybrid(Rig(), setting, ROCKS[4], 0.02, 0.0, effects=[Chosen(law_of(law), (1.0, teeth))])
+        assert "\n" not in str(caught.value)

@@ -1,11 +1,12 @@
-"""What the rig settles on with effects beyond the paper's model: the search of orbits.py, on the general engine.
+"""What the rig settles on with effects beyond the paper's model: the search of orbits.py, on the hybrid engine.
 
 As there, the rig runs and is looked at once an excitation period; a near return is polished by Newton's method, and
 taken if the orbit is stable and the run closes in on it. There is no closed form to differentiate, so that the
 derivative of the return map is made of central differences: multipliers carry about five digits.
 
-A point of the section is y, v1, v2 and w, then the displacement of the rock's face where a mount lets it move, and the
-extra states of the effects, each over a scale of its own. States that cannot recur are left out of it:
+A point of the section is y, v1, v2 and w, then the rock's displacement and speed where a mount lets it move, the force
+that enclosed air has taken off the cylinder, and the states of terms from outside, each over a scale of its own. What
+cannot recur, or follows from these, is left out of it:
 
 - the way in which dry friction lets a mass slide, which follows from its speed;
 - counts, which only grow. While the rock compacts no motion recurs. The rig is run until the count has done its work,
@@ -13,7 +14,7 @@ extra states of the effects, each over a scale of its own. States that cannot re
 - angles that go round at a rate of their own, as that of a turning rock. A motion can close only after so many periods
   as bring them back; where none do, what is found are the means of a motion that does not close.
 
-States that recur but come to rest slowly, as the pressure of an air spring, are given the time they say they need.
+The pressure of an air spring recurs but comes to rest slowly; it is given the time that it says it needs.
 """
 
 from __future__ import annotations
@@ -26,13 +27,38 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, shown
+from drillenv.dynamics.constitutive.places import COMPACTION, PLACES
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import TURN
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING, make_model
-from drillenv.dynamics.general import Start, first_state, model_for, start_at
-from drillenv.dynamics.general_equations import FACE, FIRST, OWN, V1, V2, Model, U, W, Y, law_depth, law_force
-from drillenv.dynamics.general_runs import DONE, SAMPLE_COLUMNS, STEPS_TOO_SHORT, integrate
-from drillenv.dynamics.general_steps import make_scratch
+from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON
+from drillenv.dynamics.hybrid.events import set_corners
+from drillenv.dynamics.hybrid.model import Motion, Start, extra_places, fresh_motion, model_for, motion_at, start_at
+from drillenv.dynamics.hybrid.run import RATES, SAMPLE_COLUMNS, integrate
+from drillenv.dynamics.hybrid.runge_kutta import FLAGS, SPARE_SLOPE, STANDING, make_scratch
+from drillenv.dynamics.hybrid.vector_field import (
+    AIR_RATE,
+    CARRY,
+    COUNT,
+    M2,
+    MOUNT_SQUARE,
+    ORIGIN,
+    PEAK,
+    REGIME,
+    THETA,
+    TIME,
+    TURNS,
+    UD,
+    V1,
+    V2,
+    Q,
+    U,
+    W,
+    Y,
+    law_depth,
+    law_force,
+)
+from drillenv.dynamics.hybrid.vector_field import KU as UNLOADING_STIFFNESS
 from drillenv.dynamics.orbits import KICK, LONGEST_PERIOD
 from drillenv.dynamics.survey import LINGERING, MORE_PATIENCE, place_start
 from drillenv.rig import Rig, Setting
@@ -53,35 +79,41 @@ DELTA = 1e-5
 APART = 1e-6
 """How far apart the two runs start, in scales, whose parting gives the exponent."""
 EXPONENT_PERIODS = 1000
-ENDLESS = 1e11
-"""A count at which nothing is left of what it acts on, and far below what a Start takes."""
-SLOW = {"air-spring": "tau"}
-"""Effects whose extra states come to rest slowly, and the parameter that says how slowly, in s."""
+ENDLESS = PLACES[COMPACTION].high
+"""A count at which nothing is left of what it acts on."""
 RESTED = 5.0
-"""So many times as long a start runs, before it is looked at."""
-PEAK_RTOL = 1e-9
+"""So many times the time in which air comes to rest a start runs, before it is looked at."""
+PEAK_RTOL = 1e-11
 """For runs that are sampled: the samples are then read off a polynomial through each step."""
 PEAK_SPACING = 0.02
 """Time between such samples over that in which the indenter turns by 1 rad on the rock while unloading."""
 
-# Columns of switches, impacts and samples of general_runs.py.
+# Columns of switches, impacts and samples of hybrid/run.py.
 _TIME, _BEFORE, _AFTER = 0, 1, 2
 _FORCE, _SPEED = 1, 2
 _ACCELERATION, _PENETRATION = 4, 6
 
 
+NO_EXTRAS = np.zeros((0, 3), dtype=np.int64)
+"""What to sample beside the rig's own motion."""
+
+Place = Motion
+"""The rig at phase 0 of the excitation."""
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def depth_counted(model: Model, regime: int, z: np.ndarray, wanted: int) -> float:
-    """Depth in m at which a regime of contact resists as the present one does: w counted from Xp instead of Xf."""
-    return law_depth(model, wanted, law_force(model, regime, z[W], z), z)
+def depth_counted(m: np.ndarray, d: np.ndarray, z: np.ndarray, regime: int, wanted: int, scratch: np.ndarray) -> float:
+    """Depth in m at which a regime of contact resists as the present one does: w counted from Xp instead of Xf.
+
+    What ``d`` counts of the contact's corners is lost.
+    """
+    set_corners(m, d, z, scratch[SPARE_SLOPE], True)
+    return law_depth(m, d, wanted, law_force(m, d, regime, z[W]))
 
 
-class Place(NamedTuple):
-    """The rig at phase 0 of the excitation."""
-
-    z: np.ndarray
-    """The state of the general engine, energies included."""
-    regime: int
+def regime_of(place: Place) -> int:
+    """The regime of the contact: 0 no contact, 1 loading, 2 unloading."""
+    return int(place.d[REGIME])
 
 
 class Settled(NamedTuple):
@@ -97,6 +129,16 @@ class Settled(NamedTuple):
     multipliers: np.ndarray
     """(4 + further states,) complex, the largest modulus first; NaN without a period."""
     place: Place
+
+    @property
+    def point(self) -> np.ndarray:
+        """(4,) y, v1, v2 and w at the section."""
+        return self.place.z[:4].copy()
+
+    @property
+    def regime(self) -> int:
+        """The regime of the contact there."""
+        return regime_of(self.place)
 
     @property
     def stable(self) -> bool:
@@ -126,52 +168,58 @@ class Section:
 
     def __init__(self, setting: Setting, rock: Rock, rig: Rig, effects: tuple[Chosen, ...]):
         self.setting, self.rock, self.rig, self.effects = setting, rock, rig, effects
-        self.model, self.order = model_for(rig, setting, rock, effects)
-        self.duration = TURN / self.model.omega
-        length = self.model.drive / (self.model.m2 * self.model.omega**2)
-        speed = length * self.model.omega
+        self.model = model_for(rig, setting, rock, effects)
+        self.duration = setting.period
+        length = rig.drive_force(setting) / (rig.indenter_mass * (TURN * setting.frequency) ** 2)
+        speed = length * TURN * setting.frequency
         columns, scales = [Y, V1, V2, W], [length, speed, speed, length]
-        self.counts: list[tuple[int, float]] = []
-        """Where a count stands in the state, and how far it has to come."""
+        if self.model.s[MOUNT_SQUARE] > 0.0:
+            columns += [U, UD]
+            scales += [length, speed]
+        self.goal = 0.0
+        """How far the count of impacts has to come."""
         self.angles: list[int] = []
-        """Where angles stand in the state that go round at a rate of their own."""
+        """Where angles stand in the state that terms from outside turn at rates of their own."""
         self.closing = np.ones(LONGEST_PERIOD + 1, dtype=bool)
         """Whether a motion can close after so many periods."""
         self.rest = 0.0
-        """Time in s that the slowest extra state needs."""
-        for row, index in zip(self.model.effects, self.order, strict=True):
-            chosen, at = effects[index], int(row[FIRST])
-            effect = chosen.effect
-            if effect.extras and effect.extras[0].turns:
-                self.angles.append(at)
+        """Time in s that enclosed air needs to come to rest."""
+        extras = [(chosen, extra) for chosen in effects for extra in chosen.effect.extras]
+        for (chosen, extra), (discrete, at) in zip(extras, extra_places(effects), strict=True):
+            if extra.turns:
+                if not discrete:
+                    self.angles.append(at)
+                elif at in RATES:
+                    self._close_after(self.model.s[RATES[at]] * self.duration)
+            elif not _acts(chosen):
+                # without strength an extra state stands still or fades unseen, and would only look like a multiplier
                 continue
-            # without strength an extra state stands still or fades unseen, and would only look like a multiplier
-            if not effect.extras or not _acts(chosen) or effect.grips is not None:
-                continue
-            if effect.counted is not None:
-                self.counts.append((at, effect.counted(chosen.values)))
-                continue
-            if effect.name in SLOW:
-                self.rest = max(self.rest, RESTED * chosen.given[SLOW[effect.name]])
-            if row[FACE]:
-                columns.append(U)
-                scales.append(length)
-            columns += range(at, at + len(effect.extras))
-            scales += [speed if row[FACE] and i == 0 else extra.size for i, extra in enumerate(effect.extras)]
+            elif not discrete and at != UD:
+                columns.append(at)
+                scales.append(extra.size)
+            elif discrete and at == COUNT and chosen.effect.counted is not None:
+                self.goal = max(self.goal, chosen.effect.counted(chosen.values))
+        if Q in columns:
+            self.rest = RESTED / self.model.s[AIR_RATE]
         self.columns, self.scales = np.array(columns), np.array(scales)
-        self.scratch = make_scratch(self.model.tally + 4 + len(effects), len(effects))
+        self.scratch = make_scratch(self.model)
+
+    def _close_after(self, turn: float | np.ndarray) -> None:
+        """Leave the periods after which angles are back that go on by ``turn`` rad in one."""
+        off = np.outer(np.arange(LONGEST_PERIOD + 1), turn) / TURN
+        self.closing &= np.all(np.abs(off - np.round(off)) < BACK, axis=1)
 
     # --- Places
 
     def fresh(self) -> Place:
         """The rig at rest against untouched rock."""
-        return Place(*first_state(self.model, None, self.effects, self.order))
+        return self._begun(fresh_motion(self.model))
 
     def at(self, y: float, v1: float, v2: float, w: float) -> Place:
         """The rig at a point of the section, w from Xf; what effects add stands at 0."""
-        z = self.fresh().z
-        z[:OWN] = y, v1, v2, w, 0.0
-        return self._entered(z, UNLOADING)
+        place = fresh_motion(self.model)
+        place.z[[Y, V1, V2, W]] = y, v1, v2, w
+        return self._entered(place, UNLOADING)
 
     def going_on(self, start: Start) -> Place:
         """The rig where another run ended at phase 0.
@@ -179,11 +227,11 @@ class Section:
         Raises:
             InputError: a start that does not fit its regime or these effects.
         """
-        return Place(*first_state(self.model, start, self.effects, self.order))
+        return self._begun(motion_at(self.model, self.effects, start))
 
     def start(self, place: Place) -> Start:
         """What to go on from elsewhere."""
-        return start_at(self.model, place.z, place.regime, self.effects, self.order)
+        return start_at(place, self.effects)
 
     def random(self, unit: np.ndarray) -> Place:
         """A start of :func:`drillenv.dynamics.survey.place_start`, effects at rest.
@@ -195,74 +243,87 @@ class Section:
         place_start(make_model(self.rig, self.rock, self.setting), unit, state)
         return self.at(*state[:4].tolist())
 
-    def _entered(self, z: np.ndarray, counted: int) -> Place:
+    def _begun(self, place: Place) -> Place:
+        """The same place, in which a motion begins."""
+        place.d[PEAK] = 0.0
+        self._integrate(place, True, 0.0, 1.0, self.samples(0), RTOL, True)
+        return place
+
+    def _entered(self, place: Place, counted: int) -> Place:
         """The regime that a state calls for, whose w, if above 0, is as ``counted`` counts it."""
-        if z[W] <= 0.0:
-            return Place(z, FREE)
-        into = z[V2] - sum(z[row[FIRST]] for row in self.model.effects if row[FACE])
-        counted = UNLOADING if counted == FREE else counted
-        wanted = counted if into == 0.0 else (LOADING if into > 0.0 else UNLOADING)
-        if wanted != counted:
-            z[W] = depth_counted(self.model, counted, z, wanted)
-        return Place(z, wanted)
+        d, z = place
+        d[REGIME] = FREE
+        if z[W] > 0.0:
+            into = z[V2] - z[UD]
+            counted = UNLOADING if counted == FREE else counted
+            d[REGIME] = wanted = counted if into == 0.0 else (LOADING if into > 0.0 else UNLOADING)
+            if wanted != counted:
+                z[W] = depth_counted(self.model.flat, d, z, counted, wanted, self.scratch)
+        return self._begun(place)
 
     def point(self, place: Place, counted: int) -> np.ndarray:
         """(d,) a place over the scales, w as the regime ``counted`` counts it where both are in contact."""
-        values = place.z[self.columns]
-        if place.z[W] > 0.0 and counted not in (place.regime, FREE) and place.regime != FREE:
-            values[3] = depth_counted(self.model, place.regime, place.z, counted)
+        values, regime = place.z[self.columns], regime_of(place)
+        if place.z[W] > 0.0 and counted not in (regime, FREE) and regime != FREE:
+            values[3] = depth_counted(self.model.flat, place.d.copy(), place.z, regime, counted, self.scratch)
         return values / self.scales
 
     def moved(self, place: Place, point: np.ndarray) -> Place:
         """The place at another point, which counts w as this place's regime does."""
-        z = place.z.copy()
-        z[self.columns] = point * self.scales
-        return self._entered(z, place.regime)
+        other = place.copy()
+        other.z[self.columns] = point * self.scales
+        return self._entered(other, regime_of(place))
 
     # --- Runs
 
-    def run(self, place: Place, seconds: float, rate: float, samples: np.ndarray, rtol: float):
-        """Run from a place, which stays as it is. Returns the state reached, impacts and switches."""
-        z = place.z.copy()
-        z[self.model.tally :] = 0.0
-        status, reached, regime, _origin, _carry, _phase, impacts, switches, _tried, _rejected = integrate(
-            self.model, 0.0, z, place.regime, seconds, rate, samples, rtol, self.scratch
+    def run(self, place: Place, seconds: float, rate: float, samples: np.ndarray, rtol=RTOL, exact: bool = True):
+        """Run from a place, which stays as it is. Returns the place reached, impacts and switches."""
+        reached = place.copy()
+        reached.z[self.model.tally :] = 0.0
+        impacts, switches = self._integrate(reached, False, seconds, rate, samples, rtol, exact)
+        # drift and rounding would take digits from phase and place
+        reached.d[[THETA, TURNS, TIME, ORIGIN, CARRY]] = 0.0
+        return reached, impacts, switches
+
+    def _integrate(self, place: Place, begins: bool, seconds: float, rate: float, samples, rtol: float, exact: bool):
+        """Go on from a place, which becomes that reached, or begin a motion there. Returns impacts and switches."""
+        d, z = place
+        self.scratch[FLAGS, STANDING] = 0.0
+        status, now, impacts, switches, _steps = integrate(
+            exact, self.model, d, z, begins, seconds, rate, samples, NO_EXTRAS, rtol, self.scratch
         )
-        if status != DONE:
+        if status != WENT_ON:
             why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
-            raise InputError(f"the motion {why} at {reached:g} s: make the effects weaker")
-        return Place(z, int(regime)), impacts, switches
+            raise InputError(f"the motion {why} at {now:g} s: make the effects weaker")
+        return impacts, switches
 
     def samples(self, count: int) -> np.ndarray:
         """Room for so many samples."""
-        return np.zeros((count, SAMPLE_COLUMNS + self.model.tally - OWN))
+        return np.zeros((count, SAMPLE_COLUMNS))
 
     def after(self, place: Place, periods: int) -> Place:
         """The place so many excitation periods on."""
-        return self.run(place, periods * self.duration, 1.0, self.samples(0), RTOL)[0]
+        return self.run(place, periods * self.duration, 1.0, self.samples(0))[0]
 
     def follow_angles(self, place: Place) -> None:
-        """Find out after how many periods all angles come back."""
-        turn = (self.after(place, 1).z - place.z)[self.angles]
-        off = np.outer(np.arange(LONGEST_PERIOD + 1), turn) / TURN
-        self.closing = np.all(np.abs(off - np.round(off)) < BACK, axis=1)
+        """Find out after how many periods all angles come back that terms from outside turn."""
+        self._close_after((self.after(place, 1).z - place.z)[self.angles])
 
     def counted_out(self, place: Place, patience: int) -> Place:
-        """Run until what is counted has done its work, at most ``patience`` periods, and let the counts be endless."""
-        if all(place.z[at] >= goal for at, goal in self.counts):
+        """Run until what is counted has done its work, at most ``patience`` periods, and let the count be endless."""
+        if place.d[COUNT] >= self.goal:
             return place
         done, step = 0, min(LONGEST_PERIOD, patience)
-        while done < patience and any(place.z[at] < goal for at, goal in self.counts):
+        while done < patience and place.d[COUNT] < self.goal:
             place = self.after(place, step)
             done += step
-        for at, _goal in self.counts:
-            # the contact going on keeps the count that it began with, so the force does not jump
-            place.z[at] = ENDLESS
+        # the contact going on keeps the count that it began with, so the force does not jump
+        place.d[COUNT] = ENDLESS
         return self.after(place, LONGEST_PERIOD)
 
     def returned(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
         """The image of a point, both counted as at ``place``."""
-        return self.point(self.after(self.moved(place, point), periods), place.regime)
+        return self.point(self.after(self.moved(place, point), periods), regime_of(place))
 
     def tangent(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
         """(d, d) derivative of the return map by central differences."""
@@ -302,10 +363,10 @@ def _find(section: Section, place: Place, wait: int, patience: int) -> Settled:
     done, target = 0, wait
     while done < patience:
         first = section.after(place, target)
-        place, track = first, [section.point(first, first.regime)]
+        place, track = first, [section.point(first, regime_of(first))]
         for _ in range(LONGEST_PERIOD):
             place = section.after(place, 1)
-            track.append(section.point(place, first.regime))
+            track.append(section.point(place, regime_of(first)))
         done += target + LONGEST_PERIOD
         found, kick = _closed(section, first, track)
         if found is not None:
@@ -393,7 +454,7 @@ def _around(section: Section, place: Place, n: int) -> tuple[Passage, float]:
     # a round first, then a round and a period, in which to find a time far from all switches to count from
     rows = section.samples(3)
     seconds = (2 * n + 1) * section.duration
-    _end, impacts, switches = section.run(place, seconds, 1.0 / (n * section.duration), rows, RTOL)
+    _end, impacts, switches = section.run(place, seconds, 1.0 / (n * section.duration), rows)
     begin = _quiet(switches[:, _TIME], n * section.duration, section.duration)
     passage = _passage(impacts, switches, begin, begin + n * section.duration)
     return passage, float(rows[2, _PENETRATION] - rows[1, _PENETRATION])
@@ -421,7 +482,7 @@ def _passage(impacts: np.ndarray, switches: np.ndarray, begin: float, end: float
 def _without_period(section: Section, place: Place) -> Settled:
     """Means, extremes and the exponent of a motion that does not close."""
     seconds, rows = EXPONENT_PERIODS * section.duration, section.samples(2)
-    _end, impacts, switches = section.run(place, seconds, 1.0 / seconds, rows, RTOL)
+    _end, impacts, switches = section.run(place, seconds, 1.0 / seconds, rows)
     passage = _passage(impacts, switches, 0.0, seconds)
     exponent, end = _exponent(section, place)
     multipliers = np.full(section.scales.size, np.nan + 0j)
@@ -439,10 +500,10 @@ def _exponent(section: Section, place: Place) -> tuple[float, Place]:
     away = np.ones(section.scales.size) / np.sqrt(section.scales.size)
     total = 0.0
     for _ in range(EXPONENT_PERIODS):
-        point = section.point(place, place.regime)
+        point = section.point(place, regime_of(place))
         other = section.after(section.moved(place, point + APART * away), 1)
         place = section.after(place, 1)
-        away = section.point(other, place.regime) - section.point(place, place.regime)
+        away = section.point(other, regime_of(place)) - section.point(place, regime_of(place))
         size = float(np.linalg.norm(away))
         if size == 0.0:  # dry friction can bring two runs together
             return -np.inf, place
@@ -467,13 +528,12 @@ def peaks(section: Section, settled: Settled, most: int) -> tuple[np.ndarray, np
     Of an orbit its impacts; of a motion that does not close the next in ``most`` periods; ``most`` at most.
     """
     periods = settled.period or most
-    spacing = PEAK_SPACING * float(np.sqrt(section.model.m2 / section.model.ku))
+    spacing = PEAK_SPACING * float(np.sqrt(section.model.s[M2] / section.model.s[UNLOADING_STIFFNESS]))
     # a period more on either side, so that an impact under way at the section is seen from beginning to end
     begin, end = section.duration, (periods + 1) * section.duration
     rows = section.samples(int((end + section.duration) / spacing) + 1)
-    _end, impacts, switches = section.run(
-        settled.place, end + section.duration, 1.0 / spacing, rows, PEAK_RTOL if settled.period else RTOL
-    )
+    how = (PEAK_RTOL, False) if settled.period else (RTOL, True)
+    _end, impacts, switches = section.run(settled.place, end + section.duration, 1.0 / spacing, rows, *how)
     hits = [hit for hit in impacts if begin < hit[_TIME] <= end][:most]
     decelerations = [_deceleration(rows, spacing, *_contact(switches, hit[_TIME])) for hit in hits]
     return np.array([hit[_FORCE] for hit in hits]), np.array(decelerations)

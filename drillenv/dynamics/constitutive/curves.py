@@ -6,8 +6,7 @@ Fritsch and J. Butland, A method for constructing local monotone piecewise cubic
 Scientific and Statistical Computing 5 (1984) 300-304 (PCHIP). Beyond them it is held at its last value, or goes on
 straight with its last slope.
 
-The general engine reads a curve from its row of parameters, whose length is that of the curve: ``FLAT, COUNT,
-STRAIGHT``, then the arguments, the values and the slopes of the knots. So nothing is compiled anew for another curve.
+The hybrid engine reads a curve as a table (:mod:`drillenv.dynamics.constitutive.tables`).
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from drillenv.checks import InputError, choice, number, shown
-from drillenv.dynamics.corners import time_to
+from drillenv.dynamics.constitutive.tables import Table, cubic_table, tabulate
 
 Floats = NDArray[np.float64]
 Beyond = Literal["held", "straight"]
@@ -32,15 +31,11 @@ FEWEST, MOST = 2, 64
 """Knots of a curve."""
 LARGEST = 1e12
 """Of an argument or value, in its SI unit."""
+CUTS = 32
+"""Parts of the way between two knots, for quadrature."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 KEYS = ("x", "y", "beyond", "argument_unit", "unit")
 """What a curve is given by; the last three may be left out."""
-
-FLAT, COUNT, STRAIGHT, KNOTS = range(4)
-"""Where things stand in a row of parameters: 1 for a curve that adds nothing, the number of knots, 1 where the curve
-goes on straight, and the first knot."""
-ON_IT = 1e-5
-"""A place this share of the way to the next knot beside one is on it. The curvature that jumps there is then crossed
-with an error of some 1e-10 of the curve's bend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,13 +117,13 @@ def _end_slope(width: float, next_width: float, rise: float, next_rise: float) -
     return 3.0 * rise if rise * next_rise <= 0.0 and abs(slope) > 3.0 * abs(rise) else slope
 
 
-def row_of(curve: Curve) -> tuple[float, ...]:
-    """The row of parameters of a curve that adds its value."""
-    return _row(not any(curve.y), curve.beyond == "straight", curve.x, curve.y, pchip_slopes(curve.x, curve.y))
+def table_along(curve: Curve, low: float, high: float) -> Table:
+    """The table of a curve from ``low`` to ``high``."""
+    return cubic_table(curve.x, curve.y, pchip_slopes(curve.x, curve.y), low, high, curve.beyond == "straight")
 
 
-def row_of_period(curve: Curve, period: float) -> tuple[float, ...]:
-    """The row of a curve that repeats after ``period``, from its first knot to the same one a period on.
+def table_around(curve: Curve, period: float) -> Table:
+    """The table of a curve that repeats after ``period``, from 0 to there.
 
     Raises:
         ValueError: the knots span more than a period, or a whole one with two values where it closes.
@@ -142,83 +137,40 @@ def row_of_period(curve: Curve, period: float) -> tuple[float, ...]:
         raise ValueError(f"its arguments span {x[-1] - x[0]:g}, more than a period of {period:g}")
     if x.size == 1:
         x, y = np.array([x[0], x[0] + 0.5 * period]), np.array([y[0], y[0]])
-    around = np.concatenate([x - period, x, x + period])
-    slopes = pchip_slopes(around, np.tile(y, 3))[x.size : 2 * x.size]
-    ring = [np.append(each, each[0]) for each in (y, slopes)]
-    return _row(not np.any(y), False, np.append(x, x[0] + period), *ring)
+    x = x - period * math.floor(x[0] / period)
+    around = np.concatenate([x - 2.0 * period, x - period, x, x + period])
+    values = np.tile(y, 4)
+    cubics = CubicHermiteSpline(around, values, pchip_slopes(around, values))
+    knots = np.unique(np.concatenate([[0.0], around[(around > 0.0) & (around < period)], [period]]))
+    return cubic_table(knots, cubics(knots), cubics(knots, 1), 0.0, period, True)
 
 
-def row_of_rock(curve: Curve) -> tuple[float, ...]:
-    """The row of the force in N over stiffness times depth in N, from the tangent stiffness over the force.
+def table_of_tangents(curve: Curve, high: float) -> Table:
+    """The table, up to ``high``, of the force in N over stiffness times depth in N, from the stiffness over the force.
 
     With ``f`` the curve, the factor on the stiffness k over the force R, ``dR/dx = k f(R)``. Where the indenter stands
-    at the depth x, ``k x`` is then the integral of 1/f from 0 to R. At each knot force and tangent are those of ``f``;
-    between them cubics join them, so many that there are at least as many as a curve may have knots, and the more the
-    more the tangent changes.
+    at the depth x, ``k x`` is then the integral of 1/f from 0 to R; here that is inverted.
     """
-    slopes = pchip_slopes(curve.x, curve.y)
-    row = np.array(_row(False, False, curve.x, curve.y, slopes))
-    force = [0.0] if curve.x[0] > 0.0 else []
-    fewest = math.ceil(MOST / (len(curve.x) - 1))
-    for i, (low, high) in enumerate(pairwise(curve.x)):
-        pieces = max(fewest, math.ceil(abs(math.log(curve.y[i + 1] / curve.y[i])) / math.log(1.2)))
-        force += np.linspace(low, high, pieces, endpoint=False).tolist()
-    force.append(curve.x[-1])
-    factor = [value_of(row, each) for each in force]
-    nodes, weights = np.polynomial.legendre.leggauss(8)
-    reach = [0.0]
-    for low, high in pairwise(force):
-        inside = [1.0 / value_of(row, 0.5 * (low + high) + 0.5 * (high - low) * node) for node in nodes]
-        reach.append(reach[-1] + 0.5 * (high - low) * float(np.dot(weights, inside)))
-    return _row(all(each == 1.0 for each in curve.y), True, reach, force, factor)
+    inner = CubicHermiteSpline(curve.x, curve.y, pchip_slopes(curve.x, curve.y))
+    first, last = curve.x[0], curve.x[-1]
+    # cut so fine that Gauss' quadrature of 1/f is exact to rounding
+    pieces = [np.linspace(low, up, CUTS, endpoint=False) for low, up in pairwise(curve.x)]
+    force = np.unique(np.concatenate([[0.0], *pieces, [last]]))
 
+    def factor_at(at: Floats) -> Floats:
+        return inner(np.clip(at, first, last))
 
-def _row(flat: bool, straight: bool, x: ArrayLike, y: ArrayLike, slopes: ArrayLike) -> tuple[float, ...]:
-    knots = np.concatenate([np.asarray(part, dtype=float) for part in (x, y, slopes)])
-    return (float(flat), float(knots.size // 3), float(straight), *knots.tolist())
+    def over(low: Floats, up: Floats) -> Floats:
+        middle, half = 0.5 * (low + up), 0.5 * (up - low)
+        return half * ((1.0 / factor_at(middle[:, None] + half[:, None] * _NODES)) @ _WEIGHTS)
 
+    reach = np.concatenate([[0.0], np.cumsum(over(force[:-1], force[1:]))])
 
-@register_jitable
-def knot_below(p, x):
-    """Number of the last knot at or below ``x``, of all but the last; 0 below them all."""
-    low, high = 0, int(p[COUNT]) - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if p[KNOTS + middle] <= x:
-            low = middle
-        else:
-            high = middle
-    return low
+    def force_at(x: Floats) -> Floats:
+        at = np.clip(np.searchsorted(reach, x, side="right") - 1, 0, force.size - 1)
+        begin, there = force[at], force[at] + (x - reach[at]) * factor_at(force[at])
+        for _ in range(6):
+            there = there - (over(begin, there) - (x - reach[at])) * factor_at(there)
+        return np.where(x > reach[-1], last + (x - reach[-1]) * factor_at(np.array(last)), there)
 
-
-@register_jitable
-def value_of(p, x):
-    """The value at ``x`` of the curve in the row of parameters ``p``."""
-    count = int(p[COUNT])
-    last = KNOTS + count - 1
-    if x <= p[KNOTS]:
-        return p[last + 1] + p[STRAIGHT] * p[last + 1 + count] * (x - p[KNOTS])
-    if x >= p[last]:
-        return p[last + count] + p[STRAIGHT] * p[last + 2 * count] * (x - p[last])
-    at = KNOTS + knot_below(p, x)
-    width = p[at + 1] - p[at]
-    s = (x - p[at]) / width
-    y, rise = p[at + count], p[at + 1 + count] - p[at + count]
-    begin, end = width * p[at + 2 * count], width * p[at + 1 + 2 * count]
-    return y + s * (begin + s * (3.0 * rise - 2.0 * begin - end + s * (begin + end - 2.0 * rise)))
-
-
-@register_jitable
-def time_to_knot(p, x, speed, change):
-    """Time until an argument at ``x``, of this rate and its rate, next reaches a knot; infinity where it does not."""
-    if p[FLAT] != 0.0:
-        return math.inf
-    count, first = int(p[COUNT]), math.inf
-    below = knot_below(p, x)
-    # the knots around, and those one further on where the nearer one has just been reached
-    for i in range(max(below - 1, 0), min(below + 3, count)):
-        knot = p[KNOTS + i]
-        width = p[KNOTS + i + 1] - knot if i < count - 1 else knot - p[KNOTS + i - 1]
-        if abs(x - knot) > ON_IT * width:
-            first = min(first, time_to(x - knot, speed, change))
-    return first
+    return tabulate(force_at, 0.0, high, [float(np.interp(each, force, reach)) for each in curve.x])

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drillenv.checks import InputError
-from drillenv.dynamics.effects import make
-from drillenv.dynamics.general import run_general
+from drillenv.dynamics.effects import EVERYWHERE, ON_INDENTER, ON_SHAKER, Chosen, Effect, Extra, Parameter, make
+from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.dynamics.motion import Motion, motion, motions
+from drillenv.dynamics.motion_hybrid import Section
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import rock
 
@@ -69,8 +70,8 @@ def test_as_a_plain_run_ends(effects, label):
     setting = Setting(100.0, 0.45, 1.0)
     found = motion(setting, effects=effects)
     assert found.label == label
-    settled = run_general(Rig(), setting, rock(4), 15.0, 0.0, effects=effects)
-    run = run_general(Rig(), setting, rock(4), 0.12, 100.0, 0.0, settled.end, effects)
+    settled = run_hybrid(Rig(), setting, rock(4), 15.0, 0.0, effects=effects)
+    run = run_hybrid(Rig(), setting, rock(4), 0.12, 100.0, 0.0, settled.end, effects)
     back = [np.abs(run.v2[n:] - run.v2[: run.v2.size - n]).max() < 1e-7 for n in range(1, found.period + 1)]
     assert back.index(True) + 1 == found.period
     assert run.impacts.time.size == found.impacts * 12 / found.period
@@ -91,7 +92,7 @@ def test_largest_multiplier_is_how_a_push_dies_out():
     left = []
     for periods in (200, 240):
         ends = [
-            run_general(Rig(), CENTRE, rock(4), periods / 120, 0.0, 0.0, start, effects).end
+            run_hybrid(Rig(), CENTRE, rock(4), periods / 120, 0.0, 0.0, start, effects).end
             for start in (found.state, pushed)
         ]
         left.append(ends[1].extra[0] - ends[0].extra[0])
@@ -182,8 +183,8 @@ def test_what_turns_at_a_rate_of_its_own_sets_the_period(effect, periods):
     found = motion(CENTRE, effects=[effect])
     assert found.period == periods and found.stable
     assert found.multipliers.shape == (4,)
-    settled = run_general(Rig(), CENTRE, rock(4), 10.0, 0.0, effects=(effect,))
-    run = run_general(Rig(), CENTRE, rock(4), 0.1, 120.0, 0.0, settled.end, (effect,))
+    settled = run_hybrid(Rig(), CENTRE, rock(4), 10.0, 0.0, effects=(effect,))
+    run = run_hybrid(Rig(), CENTRE, rock(4), 0.1, 120.0, 0.0, settled.end, (effect,))
     assert np.abs(run.v2[periods:] - run.v2[:-periods]).max() < 1e-7
     assert found.peak_force == pytest.approx(run.impacts.force.max(), rel=1e-6)
     assert found.penetration_rate == pytest.approx(12 * (run.penetration[-1] - run.penetration[0]) / 1.2, rel=1e-6)
@@ -196,3 +197,104 @@ def test_a_vibration_of_a_frequency_without_ratio_lets_nothing_close():
     plain = motion(CENTRE)
     assert found.impacts == pytest.approx(plain.impacts, abs=0.1)
     assert found.penetration_rate == pytest.approx(plain.penetration_rate, rel=0.1)
+
+
+# --- Effects of one's own
+
+
+def _air(now, own, p, push, rates):
+    push[ON_SHAKER] -= own[0]
+    rates[0] = p[0] * now.v1 - own[0] / p[1]
+
+
+def _floor(now, own, p, push, rates):
+    push[ON_SHAKER] += p[0] * np.sin(own[0])
+    push[ON_INDENTER] += 0.02 * p[0] * np.sin(own[0])
+    rates[0] = 2.0 * np.pi * p[1]
+
+
+def own_term(term, extra, *values):
+    parts = tuple(Parameter(f"p{i}", "a strength", "1", 0.0, 1e6, 0.0, (1.0, 2.0)) for i in range(len(values)))
+    effect = Effect("own-term", "Somebody's own.", "-", "constitutive", parts, ("shaker",), EVERYWHERE, "moves",
+                    (extra,), term=term)  # fmt: skip
+    return Chosen(effect, values)
+
+
+def test_a_state_of_an_effect_of_ones_own_recurs():
+    """It is one more coordinate of the section, with a multiplier of its own; without strength it is none."""
+    ours, theirs = own_term(_air, Extra("s", "force", "N", 10.0), 5e4, 0.3), make("air-spring", k_a=5e4, tau=0.3)
+    # from where the air has come to rest: an effect of one's own does not say how slow it is
+    settled = motion(CENTRE, effects=[theirs])
+    mine = motion(CENTRE, effects=[ours], wait=4000)
+    assert (mine.label, mine.multipliers.shape) == (settled.label, (5,))
+    np.testing.assert_allclose(np.sort(np.abs(mine.multipliers)), np.sort(np.abs(settled.multipliers)), atol=1e-4)
+    assert mine.penetration_rate == pytest.approx(settled.penetration_rate, rel=1e-9)
+    assert mine.state is not None and settled.state is not None
+    assert mine.state.extra == pytest.approx(settled.state.extra, abs=1e-6)
+    weak = motion(CENTRE, effects=[own_term(_air, Extra("s", "force", "N", 10.0), 0.0, 0.3)])
+    assert weak.multipliers.shape == (4,)
+
+
+def test_an_angle_of_an_effect_of_ones_own_sets_the_period():
+    angle = Extra("a", "angle", "rad", 1.0, turns=True)
+    mine = motion(CENTRE, effects=[own_term(_floor, angle, 100.0, 40.0)])
+    theirs = motion(CENTRE, effects=[make("external-vibration", F1=100.0, F2=2.0, f=40.0)])
+    assert mine.period == theirs.period == 3 and mine.multipliers.shape == (4,)
+    assert mine.penetration_rate == pytest.approx(theirs.penetration_rate, rel=1e-8)
+
+
+# --- Places
+
+
+EVERY_KIND = (
+    make("contact-toe", h=2e-5, r=0.1, e=0.5),
+    make("backlash", g=4e-4, y0=-5e-5),
+    make("indenter-friction", fc2=40.0),
+    make("rock-mount-compliance", s_r=2e-8, m_r=20.0),
+    make("rock-rotation", eps=0.1, Omega=9.0),
+    make("rock-compaction", soft=0.3, soft_n=20.0),
+    make("drive-harmonics", h2=0.1),
+    make("air-spring", k_a=5e4, tau=0.2),
+)
+
+
+def test_a_place_copied_goes_on_bit_for_bit():
+    """Corners, slides, counts and angles included; runs elsewhere in between leave nothing behind."""
+    section = Section(Setting(60.0, 0.45, 1.0), rock(4), Rig(), EVERY_KIND)
+    place = section.after(section.fresh(), 7)
+    kept = place.copy()
+    one = section.after(place.copy(), 3)
+    section.after(section.moved(place, section.point(place, 2) * 1.01), 2)
+    other = section.after(kept, 3)
+    for a, b in ((place, kept), (one, other)):
+        assert np.array_equal(a.d, b.d) and np.array_equal(a.z, b.z)
+    # moved to where it is, it is there
+    there = section.moved(place, section.point(place, int(place.d[0])))
+    np.testing.assert_allclose(section.after(there, 3).z, one.z, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize(("w", "v2"), [(-3e-5, 0.1), (4e-5, 0.1), (4e-5, -0.1), (4e-5, 0.0)])
+def test_a_point_is_counted_from_xf_and_xp_alike(w, v2):
+    """Depths while loading and unloading say the same force, whatever bends the rock law."""
+    section = Section(Setting(60.0, 0.45, 1.0), rock(4), Rig(), EVERY_KIND)
+    place = section.at(3e-3, 0.0, v2, w)
+    regime = int(place.d[0])
+    assert regime == (0 if w < 0 else 1 if v2 > 0 else 2)
+    from_xf = section.point(place, 2)
+    assert from_xf[3] * section.scales[3] == pytest.approx(w, rel=1e-9)
+    if regime == 1:
+        assert place.z[3] > 1.02 * w
+    again = section.moved(place, section.point(place, regime))
+    assert np.array_equal(again.z, place.z) and np.array_equal(again.d, place.d)
+
+
+def test_a_failed_run_leaves_nothing_behind():
+    """The search goes on after a run that could not be followed."""
+    section = Section(CENTRE, rock(4), Rig(), NEUTRAL)
+    place = section.after(section.fresh(), 20)
+    wanted = section.after(place, 1)
+    wild = section.at(1.0, 0.0, 0.0, -1e-3)
+    wild.z[1] = np.inf
+    with pytest.raises(InputError, match="make the effects weaker"):
+        section.after(wild, 1)
+    assert np.array_equal(section.after(place, 1).z, wanted.z)

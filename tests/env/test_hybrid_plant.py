@@ -12,11 +12,11 @@ from drillenv import Setting
 from drillenv.checks import InputError
 from drillenv.dynamics.effects import REGISTRY, drawn, make
 from drillenv.dynamics.exact import STATE_SIZE, THETA, TURN, TURNS, make_scratch
-from drillenv.dynamics.general import run_general
-from drillenv.dynamics.general_equations import OWN
+from drillenv.dynamics.hybrid.run import run_hybrid
+from drillenv.dynamics.hybrid.vector_field import COUNT, PEAK
 from drillenv.env import plant
 from drillenv.env.episodes import draw_layers, one_rock
-from drillenv.env.general_plant import GeneralPlant
+from drillenv.env.hybrid_plant import HybridPlant
 from drillenv.env.plant import (
     FACE_IMPACTS,
     INTERVAL,
@@ -117,7 +117,7 @@ def test_neutral_is_exact_over_one_interval(seed):
     for setting in random_settings(seed, 24):
         other = copied(plants)
         one = interval(plants, None, setting, 50)
-        assert_same(one, interval(other, GeneralPlant(other, 0, NEUTRAL), setting, 50), 1e-6)
+        assert_same(one, interval(other, HybridPlant(other, 0, NEUTRAL), setting, 50), 1e-6)
         assert_same_row(plants, other, 1e-6)
         layers.add(int(plants.memories[0, LAYER]))
     assert len(layers) > 3
@@ -129,7 +129,7 @@ def test_neutral_is_exact_over_many_intervals(thickness, moving):
     """P-1-I-1 drilling forgets, so the two stay together through layers, fresh faces and pressures."""
     plants = rig_on(thin(thickness, 40), blows=3)
     other = copied(plants)
-    engine = GeneralPlant(other, 0, NEUTRAL)
+    engine = HybridPlant(other, 0, NEUTRAL)
     for step in range(24):
         setting = [118.0 + step % 3, 0.55, 0.6 + 0.1 * (step % 2) * moving]
         assert_same(interval(plants, None, setting), interval(other, engine, setting), 1e-6)
@@ -150,7 +150,7 @@ def assert_same_row(plants, other, tolerance):
 def test_the_window_changes_nothing():
     plants = rig_on(thin(1e-3))
     other = copied(plants)
-    one, two = (GeneralPlant(each, 0, {"contact-rate": {"chi": 1.0}}) for each in (plants, other))
+    one, two = (HybridPlant(each, 0, {"contact-rate": {"chi": 1.0}}) for each in (plants, other))
     for setting in random_settings(4, 4):
         a, b = interval(plants, one, setting), interval(other, two, setting, 333)
         for part in (0, 1, 3):
@@ -162,9 +162,9 @@ def test_the_window_changes_nothing():
 
 
 def unbroken(effects, setting, seconds, rock, phase):
-    """The general engine left alone: no intervals, no substeps, no sampling."""
+    """The hybrid engine left alone: no intervals, no substeps, no sampling."""
     chosen = tuple(make(name, **values) for name, values in effects.items())
-    return run_general(Rig(), Setting(*setting), rock, seconds, 0.0, phase, effects=chosen)
+    return run_hybrid(Rig(), Setting(*setting), rock, seconds, 0.0, phase, effects=chosen)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_legs_and_intervals_leave_no_trace(effects):
     """Each impact is that of an unbroken run, also where a border cuts a loading behind its largest force."""
     rock, setting, n = Rock(21.4e6, 25.05e6), (118.3, 0.55, 0.6), 12
     plants = rig_on(one_rock(rock, 0), lag=1e6)
-    engine = GeneralPlant(plants, 0, effects)
+    engine = HybridPlant(plants, 0, effects)
     peaks, depth, contacts = [], 0.0, 0.0
     for step in range(n):
         # a valve so near and a cylinder so slow that the pressure stays, but does not count as settled
@@ -208,7 +208,7 @@ def test_the_rock_keeps_what_it_does_not_give_back():
     rock, n, setting, held = Rock(21.4e6, 25.05e6), 1.5, (87.1, 0.55, 0.6), 0
     plants = rig_on(one_rock(rock, 0))
     effects = {"contact-power-law": {"n": n}}
-    engine = GeneralPlant(plants, 0, effects)
+    engine = HybridPlant(plants, 0, effects)
     kept = 0.0
     for step in range(8):
         kept += interval(plants, engine, setting)[0][S_ROCK]
@@ -223,13 +223,13 @@ def test_the_rock_keeps_what_it_does_not_give_back():
 
 def test_a_new_layer_is_fresh_to_compaction_too():
     plants = rig_on(thin(1.5e-3))
-    engine = GeneralPlant(plants, 0, {"rock-compaction": {"soft": 0.4, "soft_n": 30.0}, "contact-rate": {"chi": 0.5}})
+    engine = HybridPlant(plants, 0, {"rock-compaction": {"soft": 0.4, "soft_n": 30.0}, "contact-rate": {"chi": 0.5}})
     layers = set()
     for setting in random_settings(3, 12):
         interval(plants, engine, setting)
         layers.add(int(plants.memories[0, LAYER]))
         # Table 2.2 and the effect count the impacts on the same face
-        assert engine.z[OWN] == plants.memories[0, FACE_IMPACTS]
+        assert engine.motion.d[COUNT] == plants.memories[0, FACE_IMPACTS]
     assert len(layers) > 2
 
 
@@ -245,7 +245,7 @@ def run_on(plants, engine, settings):
 @pytest.mark.parametrize("way", ["snapshot", "pickled snapshot", "copy", "pickle"])
 def test_goes_on_from_a_snapshot(way):
     plants = rig_on(thin(1.5e-3))
-    engine = GeneralPlant(plants, 0, STATEFUL)
+    engine = HybridPlant(plants, 0, STATEFUL)
     settings, cut = random_settings(7, 24), 0
     for k, setting in enumerate(settings[:-3]):
         interval(plants, engine, setting)
@@ -257,11 +257,11 @@ def test_goes_on_from_a_snapshot(way):
         else:
             if way == "pickled snapshot":
                 snapshot = pickle.loads(pickle.dumps(snapshot))
-            other = GeneralPlant.restored(row, 0, snapshot)
+            other = HybridPlant.restored(row, 0, snapshot)
         assert other.plants.states is row.states
         # a loading that the border cuts has had its largest force before it, perhaps
-        assert other.peak == engine.peak
-        cut += engine.peak > 0.0
+        assert other.motion.d[PEAK] == engine.motion.d[PEAK]
+        cut += engine.motion.d[PEAK] > 0.0
         if k < 3:
             assert run_on(row, other, settings[k + 1 : k + 7]) == run_on(
                 *copy.deepcopy((plants, engine)), settings[k + 1 : k + 7]
@@ -275,7 +275,7 @@ def test_two_runs_agree_to_the_last_bit():
     runs = []
     for _ in range(2):
         plants = rig_on(draw_layers(np.random.default_rng(1)))
-        runs.append(run_on(plants, GeneralPlant(plants, 0, STATEFUL), random_settings(8, 8)))
+        runs.append(run_on(plants, HybridPlant(plants, 0, STATEFUL), random_settings(8, 8)))
     assert runs[0] == runs[1]
 
 
@@ -310,7 +310,7 @@ def test_every_effect_drills(name):
         chosen = drawn(name, rng)
         values = {part.symbol: value for part, value in zip(chosen.effect.parameters, chosen.values, strict=True)}
         plants = rig_on(draw_layers(rng), blows=int(rng.integers(1, 11)), phase=float(rng.uniform(0, TURN)))
-        engine = GeneralPlant(plants, 0, {name: values})
+        engine = HybridPlant(plants, 0, {name: values})
         impacts = 0.0
         for setting in rng.uniform(LOW, HIGH, (20, 3)):
             sums, kept, window, truth = interval(plants, engine, setting, 20)
@@ -332,12 +332,12 @@ def test_every_effect_drills(name):
 )
 def test_effects_that_cannot_be(effects, message):
     with pytest.raises(InputError, match=message):
-        GeneralPlant(rig_on(one_rock(Rock(20e6, 24e6), 0)), 0, effects)
+        HybridPlant(rig_on(one_rock(Rock(20e6, 24e6), 0)), 0, effects)
 
 
 def test_a_motion_that_cannot_be_followed(monkeypatch):
     """One line that names effects and setting, not a crash and not numbers made up."""
-    engine = GeneralPlant(rig_on(one_rock(Rock(20e6, 24e6), 0)), 0, {"contact-rate": {"chi": 1.0}})
-    monkeypatch.setattr("drillenv.env.general_plant.RTOL", 1e-40)
+    engine = HybridPlant(rig_on(one_rock(Rock(20e6, 24e6), 0)), 0, {"contact-rate": {"chi": 1.0}})
+    monkeypatch.setattr("drillenv.env.hybrid_plant.RTOL", 1e-40)
     with pytest.raises(InputError, match=r"grew without bound .*'chi': 1.0.* at Setting\(frequency=100.0.*weaker$"):
         interval(engine.plants, engine, [100.0, 0.45, 1.0])

@@ -1,0 +1,275 @@
+"""From a rig, a rock, a setting and effects to the model that the kernels move, and states to begin with."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drillenv.checks import InputError, number
+from drillenv.dynamics.constitutive import places
+from drillenv.dynamics.constitutive.places import CODE, OVER, PLACES, SCALARS, Law, Shape
+from drillenv.dynamics.constitutive.tables import Table, tabulate
+from drillenv.dynamics.effects import Chosen
+from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
+from drillenv.dynamics.hybrid import vector_field as V
+from drillenv.dynamics.hybrid.compiled import address_of
+from drillenv.dynamics.hybrid.vector_field import BY_EFFECTS, OWN, Model
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import Rock
+
+_OWNERS = (
+    ("mount_square",),
+    ("air_stiffness",),
+    ("drive_lag",),
+    ("shaker_vibration", "indenter_vibration"),
+    ("shaker_grip",),
+    ("indenter_grip",),
+)
+"""Which scalars, if not 0, make an effect answerable, in the order from BY_MOUNT on."""
+LONGEST_SHARE = 0.1
+"""Longest step over the excitation's period."""
+MEMORY = {
+    "q": (0, V.Q),
+    "u'": (0, V.UD),
+    "slide1": (1, V.SLIDE1),
+    "slide2": (1, V.SLIDE2),
+    "N": (1, V.COUNT),
+    "N_contact": (1, V.COUNT_CONTACT),
+    "rotation": (1, V.ROTATION),
+    "rotation_contact": (1, V.ROTATION_CONTACT),
+    "vibration": (1, V.VIBRATION),
+}
+"""Where the engine keeps an extra state of an effect, by its ``kept``: 0 in the state, 1 in the discrete state."""
+
+
+class Motion(NamedTuple):
+    """A state of a rig. Copied, it goes on bit for bit."""
+
+    d: np.ndarray
+    """(CORNERS + laws,) the discrete state."""
+    z: np.ndarray
+    """(tally + energies,) the state, see :mod:`drillenv.dynamics.hybrid.vector_field`."""
+
+    def copy(self) -> Motion:
+        """The same state, on its own."""
+        return Motion(self.d.copy(), self.z.copy())
+
+
+@functools.lru_cache(maxsize=256)
+def tables_of(chosen: Chosen, stiffness: float) -> tuple[tuple[int, int, Table], ...]:
+    """(place, what it is over, table) of each law of an effect that changes anything; ``stiffness`` of the coupling.
+
+    Raises:
+        InputError: a law that cannot be tabulated.
+    """
+    if chosen.is_neutral:
+        return ()
+    axes = chosen.effect.axes
+    if axes is not None:
+        assert chosen.curve is not None
+        return ((axes.place, OVER.index(axes.over), axes.table(chosen.curve)),)
+    found = []
+    for name, given in chosen.effect.laws.items():
+        place = PLACES[CODE[name]]
+        shape = given if isinstance(given, Shape) else Shape(given)
+        law = functools.partial(_valued, shape.law, chosen.values, stiffness)
+        x = np.linspace(place.low, place.high, 101)
+        if np.array_equal(law(x), x if isinstance(given, Shape) else np.zeros_like(x)):
+            continue
+        try:
+            # a contact is followed from next to no depth on, with the digits of its own size
+            knots = [place.high * 0.25**k for k in range(1, 14)] if isinstance(given, Shape) else []
+            found.append((CODE[name], OVER.index(shape.over), tabulate(law, place.low, place.high, knots)))
+        except ValueError as error:
+            raise InputError(f"the law of {chosen.effect.name} at {name} cannot be followed: {error}") from None
+    return tuple(found)
+
+
+def _valued(law: Law, values: tuple[float, ...], stiffness: float, x: np.ndarray) -> np.ndarray:
+    """A law with its parameters."""
+    return law(x, values, stiffness)
+
+
+def check_effects(effects: tuple[Chosen, ...]) -> None:
+    """Raise InputError for an effect that does not act on the motion, or is given twice."""
+    seen: set[str] = set()
+    for chosen in effects:
+        if not isinstance(chosen, Chosen):
+            raise InputError(f"effects holds {chosen!r}: give effects from drillenv.dynamics.effects.make(name, ...)")
+        name = chosen.effect.name
+        if name in seen:
+            raise InputError(f"effect {name} is given twice: give it once")
+        if not chosen.effect.moves_rig:
+            raise InputError(f"effect {name} does not act on the motion of the drilling rig: leave it out here")
+        seen.add(name)
+
+
+def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...]) -> Model:
+    """The model.
+
+    Args:
+        rig, setting, rock: As for :func:`drillenv.dynamics.hybrid.run.run_hybrid`.
+        effects: In the order in which their energies are counted.
+
+    Raises:
+        InputError: an effect that does not act on the motion or is given twice, two that set one number of the model,
+            or a law that cannot be followed.
+    """
+    check_effects(effects)
+    s = np.zeros(V.SIZE)
+    s[: V.OMEGA + 1] = (
+        rig.shaker_mass, rig.indenter_mass, rig.stiffness, rig.damping, rig.drive_force(setting),
+        rig.static_force(setting), rock.loading_stiffness, rock.unloading_stiffness, 2 * math.pi * setting.frequency,
+    )  # fmt: skip
+    s[V.LONGEST] = LONGEST_SHARE / setting.frequency
+    _set_scalars(s, effects)
+    laws, pieces, corners = _flat_laws(effects, rig.stiffness)
+    terms, parameters, sizes = [], [0.0], []
+    for index, chosen in enumerate(effects):
+        effect = chosen.effect
+        if effect.term is not None:
+            terms.append((address_of(effect.term), OWN + len(sizes), len(parameters), index))
+            parameters += chosen.values
+            sizes += [extra.size for extra in effect.extras if not extra.kept]
+    force = s[V.F_A] + s[V.F_B]
+    depth = force / rock.loading_stiffness
+    speed = depth * math.sqrt(rock.loading_stiffness / rig.indenter_mass)
+    # the shaker body moves as much less as it is heavier
+    slow = speed * rig.indenter_mass / rig.shaker_mass
+    sizes = [force / rig.stiffness, slow, speed, depth, depth, speed, 0.01 * force, *sizes]
+    s[V.LAWS], s[V.TERMS], s[V.TALLY], s[V.EFFECTS] = len(laws), len(terms), len(sizes), len(effects)
+    s[V.RATED] = any(row[V.PLACE] in (places.RATE_FACTOR, places.RATE_FORCE) for row in laws) or any(
+        "contact" in c.effect.balances and c.effect.term is not None and not c.is_neutral for c in effects
+    )
+    parts = {V.LAWS_AT: laws, V.PIECES_AT: pieces, V.CORNERS_AT: corners, V.TERMS_AT: np.array(terms, dtype=float),
+             V.PARAMETERS_AT: np.array(parameters), V.SIZES_AT: np.array(sizes)}  # fmt: skip
+    flat = np.concatenate([s, *(part.ravel() for part in parts.values())])
+    at = V.SIZE
+    for scalar, part in parts.items():
+        flat[scalar] = at
+        at += part.size
+    return Model(flat, flat[: V.SIZE], laws, len(sizes), len(effects))
+
+
+def _set_scalars(s: np.ndarray, effects: tuple[Chosen, ...]) -> None:
+    """Write what effects set of the model."""
+    names = list(SCALARS)
+    set_by: dict[str, str] = {}
+    s[V.BY_MOUNT : V.BY_MOUNT + len(_OWNERS)] = -1.0
+    for index, chosen in enumerate(effects):
+        if chosen.effect.scalars is None:
+            continue
+        values = chosen.effect.scalars(chosen.values)
+        for name, value in values.items():
+            if value != 0.0 and name in set_by:
+                raise InputError(
+                    f"{set_by[name]} and {chosen.effect.name} both set the {name.replace('_', ' ')} "
+                    f"({SCALARS[name]}): give one of them"
+                )
+            if value != 0.0:
+                set_by[name] = chosen.effect.name
+                s[V.OMEGA + 1 + names.index(name)] = value
+        for at, owned in enumerate(_OWNERS):
+            if any(values.get(name, 0.0) != 0.0 for name in owned):
+                s[V.BY_MOUNT + at] = index
+
+
+def _flat_laws(effects: tuple[Chosen, ...], stiffness: float):
+    """Tables of all laws as the kernels read them: (laws, LAW_COLUMNS), (pieces, PIECE_COLUMNS), (corners, 2)."""
+    laws: list[tuple[int, ...]] = []
+    pieces: list[Any] = [np.zeros((0, V.PIECE_COLUMNS))]
+    corners: list[Any] = [np.zeros((0, 2))]
+    found = [(*law, index) for index, chosen in enumerate(effects) for law in tables_of(chosen, stiffness)]
+    # the shapes of the contact stand first, in the order chosen
+    found.sort(key=lambda each: each[0] > places.UNLOADING)
+    for place, over, table, index in found:
+        at = 1 + np.flatnonzero(table.corners)
+        first, first_corner = sum(map(len, pieces)), sum(map(len, corners))
+        laws.append((place, first, len(table.pieces), first_corner, at.size, index, over))
+        pieces.append(np.column_stack([table.knots[:-1], 0.5 * np.diff(table.knots), table.pieces]))
+        corners.append(np.column_stack([table.knots[at], at]))
+    table = np.array(laws, dtype=np.int64).reshape(-1, V.LAW_COLUMNS)
+    return table, np.concatenate(pieces), np.concatenate(corners)
+
+
+def fresh_motion(model: Model, phase: float = 0.0) -> Motion:
+    """The rig at rest, the cylinder leaning on the spring, the indenter touching rock never hit before."""
+    d, z = np.zeros(V.CORNERS + len(model.laws)), np.zeros(model.tally + BY_EFFECTS + model.effects)
+    z[V.Y] = model.s[V.F_B] / model.s[V.K]
+    d[V.REGIME], d[V.THETA], d[V.FACTOR] = FREE, phase, 1.0
+    d[V.TRUST : V.TRUST + 3] = min(model.s[V.LONGEST], 0.05 * math.sqrt(model.s[V.M2] / model.s[V.KL]))
+    return Motion(d, z)
+
+
+class Start(NamedTuple):
+    """A state to start from, or one that a run ended in. SI."""
+
+    y: float
+    """X1 - X2 in m."""
+    v1: float
+    v2: float
+    w: float
+    """Behind Xf (out of contact, below 0; unloading, above 0) or Xp (loading, above 0), in m."""
+    regime: int
+    """0 no contact, 1 loading, 2 unloading."""
+    extra: tuple[float, ...] = ()
+    """The extra states of the chosen effects, in the order chosen; left out, they are 0. How a mass slides or sticks
+    follows from its speed and the forces, whatever is said here."""
+    face: float = 0.0
+    """Displacement of the rock's face in m."""
+
+
+def extra_places(effects: tuple[Chosen, ...]) -> list[tuple[int, int]]:
+    """Where the extra states of the effects stand, in the order chosen: (0 for z, 1 for d; index)."""
+    found, own = [], OWN
+    for chosen in effects:
+        for extra in chosen.effect.extras:
+            if extra.kept:
+                found.append(MEMORY[extra.kept])
+            else:
+                found.append((0, own))
+                own += 1
+    return found
+
+
+def motion_at(model: Model, effects: tuple[Chosen, ...], start: Start | None, phase: float = 0.0) -> Motion:
+    """The state of a start; left out, the rig starts fresh.
+
+    Raises:
+        InputError: a start that does not fit its regime or these effects.
+    """
+    motion = fresh_motion(model, phase)
+    if start is None:
+        return motion
+    d, z = motion
+    for index, name in enumerate(("y", "v1", "v2", "w")):
+        z[index] = number(f"start {name}", getattr(start, name), -1e3, 1e3, "m" if name in ("y", "w") else "m/s")
+    z[V.U] = number("start face", start.face, -1e3, 1e3, "m")
+    d[V.REGIME] = regime = int(number("start regime", start.regime, 0, 2))
+    kept = extra_places(effects)
+    if start.extra and len(start.extra) != len(kept):
+        raise InputError(
+            f"start has {len(start.extra)} extra states: these effects have {len(kept)}, give as many or none"
+        )
+    for (which, at), value in zip(kept, start.extra, strict=False):
+        (z, d)[which][at] = number("start extra", value, -1e12, 1e12)
+    into = z[V.V2] - z[V.UD]
+    if (regime == FREE and z[V.W] > 0) or (regime != FREE and z[V.W] < 0):
+        raise InputError(
+            f"start w is {z[V.W]:g} m in regime {regime}: give w <= 0 out of contact (0), w >= 0 in contact"
+        )
+    if (regime == LOADING and into < 0) or (regime == UNLOADING and into > 0):
+        raise InputError(
+            f"start moves at {into:g} m/s into the rock in regime {regime}: loading (1) moves in, unloading out"
+        )
+    return motion
+
+
+def start_at(motion: Motion, effects: tuple[Chosen, ...]) -> Start:
+    """What to start from to go on from a state."""
+    d, z = motion
+    extra = tuple(float((z, d)[which][at]) for which, at in extra_places(effects))
+    return Start(float(z[V.Y]), float(z[V.V1]), float(z[V.V2]), float(z[V.W]), int(d[V.REGIME]), extra, float(z[V.U]))

@@ -1,0 +1,463 @@
+"""The rates of the rig with laws at any place, for one regime of the contact, of each grip and of each law's pieces.
+
+Dynamic states, in SI: the shortening ``y = X1 - X2``, the speeds ``v1`` and ``v2``, the contact's coordinate ``w``, the
+deflection ``u`` and speed ``u'`` of the rock's mount, the force ``q`` that the cylinder has lost; then the states of
+terms from outside, and the energies moved. ``w`` is the indenter's place behind an origin O, ``X2 = O + w + u``: Xf out
+of contact and while unloading, Xp while loading. So w is the depth, nothing drifts, and a power law is as smooth as a
+linear one. The balances stand in :mod:`drillenv.dynamics.constitutive.places`.
+
+What does not change between two events stands in a second array, the discrete state: regimes, phases, counts, the
+origin, and for each law with corners the number of those below its argument.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from drillenv.dynamics.constitutive.places import (
+    COMPACTION,
+    DAMPER,
+    DRIVE,
+    GUIDE,
+    INDENTER,
+    MOUNT_DAMPER,
+    MOUNT_SPRING,
+    RATE_FACTOR,
+    RATE_FORCE,
+    SCALARS,
+    SPRING,
+    SPRING_FROM_REST,
+    UNLOADING,
+    WAVEFORM,
+)
+from drillenv.dynamics.constitutive.tables import DEGREE
+from drillenv.dynamics.effects import ON_INDENTER, ON_ROCK, ON_SHAKER, Moment
+from drillenv.dynamics.flow import FREE
+from drillenv.dynamics.flow import LOADING as ON_LOADING
+from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, call_term, constants
+
+TURN = 2.0 * math.pi
+
+# Dynamic states; behind OWN those of terms from outside, and then, from Model.tally on, the energies.
+Y, V1, V2, W, U, UD, Q, OWN = range(8)
+BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
+"""Energies in J, counted from ``Model.tally``; one for each effect from ``BY_EFFECTS`` on."""
+
+# The discrete state
+(
+    REGIME,
+    THETA,
+    THETA_CARRY,
+    TURNS,
+    TIME,
+    ORIGIN,
+    CARRY,
+    SLIDE1,
+    SLIDE2,
+    COUNT,
+    COUNT_CONTACT,
+    ROTATION,
+    ROTATION_CONTACT,
+    VIBRATION,
+    FACTOR,
+    PEAK,
+    IMPACT_DEPTH,
+    CUT,
+    TRUST,
+) = range(19)
+CORNERS = TRUST + 3
+"""0 no contact, 1 loading, 2 unloading; phase in [0, 2 pi) with the rounding it owes, and whole turns of the
+excitation; time since the start in s; the origin in m and the rounding it owes; ways in which masses slide (1, -1, or 0
+while dry friction holds them); impacts on this face, and those before the present contact; angles in rad of what turns,
+now and where the present contact began, and of the vibration; factor on the rock's stiffness; largest force of the
+present loading so far in N, and its depth in m at the last turn; 1 where the rock would pull, and does not; length in s
+of the next step in each regime. Behind them, for each law, how many of its corners lie below its argument."""
+
+# Scalars of the model, in front of those that effects set
+M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
+(
+    MOUNT_GAIN,
+    MOUNT_SQUARE,
+    MOUNT_DAMPING,
+    AIR_STIFFNESS,
+    AIR_RATE,
+    DRIVE_LAG,
+    SHAKER_VIBRATION,
+    INDENTER_VIBRATION,
+    VIBRATION_RATE,
+    VIBRATION_PHASE,
+    ROTATION_SHARE,
+    ROTATION_RATE,
+    ROTATION_PHASE,
+    GRIP1,
+    GRIP2,
+) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
+LONGEST = GRIP2 + 1
+"""Longest step in s."""
+# behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
+# scalars do, -1 for none; and the dynamic states, the effects, whether the force of the rock may peak before a turn
+LAWS, LAWS_AT, PIECES_AT, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 9)
+BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2 = range(SIZES_AT + 1, SIZES_AT + 7)
+TALLY, EFFECTS, RATED = range(BY_GRIP2 + 1, BY_GRIP2 + 4)
+SIZE = RATED + 1
+
+# Columns of the table of laws: its place; its pieces, from FIRST on; its corners, from FIRST_CORNER on; its effect;
+# what the shape of a contact is over (see places.OVER).
+PLACE, FIRST, PIECES, FIRST_CORNER, CORNER_COUNT, EFFECT, OVER_KIND = constants(*range(7))
+LAW_COLUMNS = 7
+LEFT, HALF, COEFFICIENTS = 0, 1, 2
+"""Columns of a piece: where it begins, half of its width, and its coefficients."""
+PIECE_COLUMNS = COEFFICIENTS + DEGREE + 1
+WHERE, PIECE, CORNER_COLUMNS = constants(*range(3))
+"""Columns of a corner: where, and the piece that begins there."""
+# Columns of the table of terms from outside: address, first of its states, first of its parameters, its effect
+ADDRESS, STATE, PARAMETER, TERM_EFFECT, TERM_COLUMNS = constants(*range(5))
+
+PUSHED, WHOLE, ON_ROCKS = 3, 5, 6
+"""Where the forces on both masses without dry friction stand in ``push``, behind those of a term, the force of the rock
+if it could pull, and what each term adds to it."""
+
+
+class Model(NamedTuple):
+    """A rig on a rock at a setting, with what effects add, made ready for the kernels.
+
+    They take ``flat`` alone, in their arguments ``m``: one array, since every array that a call hands on costs time.
+    """
+
+    flat: np.ndarray
+    s: np.ndarray
+    """(SIZE,) scalars: its beginning, not a copy."""
+    laws: np.ndarray
+    """(laws, LAW_COLUMNS)"""
+    tally: int
+    """Dynamic states."""
+    effects: int
+
+
+@njit(**INLINED)
+def law_at(m: np.ndarray, law: int, column: int) -> int:
+    """A number of the table of laws."""
+    return int(m[int(m[LAWS_AT]) + law * LAW_COLUMNS + column])
+
+
+@njit(**INLINED)
+def term_at(m: np.ndarray, term: int, column: int) -> int:
+    """A number of the table of terms."""
+    return int(m[int(m[TERMS_AT]) + term * TERM_COLUMNS + column])
+
+
+@njit(**INLINED)
+def corner_at(m: np.ndarray, corner: int, column: int) -> float:
+    """A number of the table of corners."""
+    return float(m[int(m[CORNERS_AT]) + corner * CORNER_COLUMNS + column])
+
+
+@njit(**INLINED)
+def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
+    """Value and slope of a law at x, in the part between corners that the discrete state says; beyond it straight."""
+    first = law_at(m, law, FIRST)
+    low, high = first, first + law_at(m, law, PIECES)
+    count = law_at(m, law, CORNER_COUNT)
+    if count > 0:
+        corner, below = law_at(m, law, FIRST_CORNER), int(d[CORNERS + law])
+        if below > 0:
+            low = first + int(corner_at(m, corner + below - 1, PIECE))
+        if below < count:
+            high = first + int(corner_at(m, corner + below, PIECE))
+    table = int(m[PIECES_AT])
+    while high - low > 1:
+        middle = (low + high) // 2
+        if m[table + middle * PIECE_COLUMNS + LEFT] <= x:
+            low = middle
+        else:
+            high = middle
+    at = table + low * PIECE_COLUMNS
+    half = m[at + HALF]
+    t = (x - m[at + LEFT]) / half - 1.0
+    inside = min(max(t, -1.0), 1.0)
+    value, slope = 0.0, 0.0
+    for power in range(at + COEFFICIENTS + DEGREE, at + COEFFICIENTS - 1, -1):
+        slope = value + inside * slope
+        value = m[power] + inside * value
+    return value + (t - inside) * slope, slope / half
+
+
+@njit(**INLINED)
+def stiffness(m: np.ndarray, d: np.ndarray, regime: int) -> float:
+    """Stiffness of the rock in N/m in a regime of contact."""
+    return d[FACTOR] * m[KL if regime == ON_LOADING else KU]
+
+
+@njit(**INLINED)
+def shape_scale(m: np.ndarray, d: np.ndarray, law: int, regime: int) -> float:
+    """What a depth is multiplied with before the shape of a contact is looked up, and divided by after it."""
+    over = law_at(m, law, OVER_KIND)
+    if over == 0:
+        return 1.0
+    return stiffness(m, d, regime) if over == 2 else m[KL if regime == ON_LOADING else KU] / m[KL]
+
+
+@njit(**INLINED)
+def law_force(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
+    """Force of the rock law in N at depth ``w``; negative behind the face, where a trial step may end."""
+    if regime == FREE:
+        return 0.0
+    depth = w
+    for i in range(int(m[LAWS])):
+        if law_at(m, i, PLACE) > UNLOADING:
+            break
+        if law_at(m, i, PLACE) == regime - ON_LOADING:
+            scale = shape_scale(m, d, i, regime)
+            depth = look(m, d, i, depth * scale)[0] / scale
+    return stiffness(m, d, regime) * depth
+
+
+@njit(**INNER)
+def shape_argument(m: np.ndarray, d: np.ndarray, law: int, w: float):
+    """What the shape of a contact is over at the depth w, behind the shapes before it, and its derivative by w."""
+    apart()
+    place = law_at(m, law, PLACE)
+    depth, rate = w, 1.0
+    for i in range(law):
+        if law_at(m, i, PLACE) == place:
+            scale = shape_scale(m, d, i, place + ON_LOADING)
+            value, slope = look(m, d, i, depth * scale)
+            depth, rate = value / scale, rate * slope
+    scale = shape_scale(m, d, law, place + ON_LOADING)
+    return depth * scale, rate * scale
+
+
+@njit(**INLINED)
+def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float) -> float:
+    """What a law is over, at the state z."""
+    place = law_at(m, law, PLACE)
+    if place <= UNLOADING:
+        return shape_argument(m, d, law, z[W])[0]
+    if place in (RATE_FACTOR, RATE_FORCE):
+        return z[V2] - z[UD]
+    if place == COMPACTION:
+        return d[COUNT_CONTACT]
+    if place == SPRING:
+        return z[Y]
+    if place == SPRING_FROM_REST:
+        return z[Y] - m[F_B] / m[K]
+    if place == DAMPER:
+        return z[V1] - z[V2]
+    if place == GUIDE:
+        return z[V1]
+    if place == INDENTER:
+        return z[V2]
+    if place == WAVEFORM:
+        # counted on from the corner below, since the end of a part may be that of a turn
+        below = int(d[CORNERS + law]) if law_at(m, law, CORNER_COUNT) > 0 else 0
+        low = corner_at(m, law_at(m, law, FIRST_CORNER) + below - 1, WHERE) if below > 0 else 0.0
+        return theta - TURN * math.floor((theta - low) / TURN)
+    if place == DRIVE:
+        return m[F_A] * math.sin(theta)
+    if place == MOUNT_SPRING:
+        return z[U]
+    return z[UD]
+
+
+@njit(**INNER)
+def argument_rate(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, dz: np.ndarray, theta: float) -> float:
+    """Its time derivative."""
+    place = law_at(m, law, PLACE)
+    if place <= UNLOADING:
+        return (z[V2] - z[UD]) * shape_argument(m, d, law, z[W])[1]
+    if place in (RATE_FACTOR, RATE_FORCE):
+        return dz[V2] - dz[UD]
+    if place in (SPRING, SPRING_FROM_REST):
+        return z[V1] - z[V2]
+    if place == DAMPER:
+        return dz[V1] - dz[V2]
+    if place == GUIDE:
+        return dz[V1]
+    if place == INDENTER:
+        return dz[V2]
+    if place == WAVEFORM:
+        return m[OMEGA]
+    if place == DRIVE:
+        return m[F_A] * m[OMEGA] * math.cos(theta)
+    if place == MOUNT_SPRING:
+        return z[UD]
+    return dz[UD] if place == MOUNT_DAMPER else 0.0
+
+
+@njit(**INLINED)
+def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
+    """Write the time derivative of the state z, ``shift`` s after the discrete state d, to dz; return the rock's force.
+
+    The forces on both masses without dry friction, which it must hold where they stick, are left in ``push``.
+    """
+    s, tally = m, int(m[TALLY])
+    v1, v2, regime = z[V1], z[V2], int(d[REGIME])
+    closing, into, theta = v1 - v2, v2 - z[UD], d[THETA] + s[OMEGA] * shift
+    given = tally + BY_EFFECTS
+    for i in range(int(m[EFFECTS])):
+        dz[given + i] = 0.0
+    law = law_force(m, d, regime, z[W])
+    sine = math.sin(theta)
+    drive, spring, damper = s[F_A] * sine, s[K] * z[Y], s[C] * closing
+    on_shaker, on_indenter, added, on_mount = 0.0, 0.0, 0.0, 0.0
+    for i in range(int(m[LAWS])):
+        place = law_at(m, i, PLACE)
+        if place <= UNLOADING or place == COMPACTION or (regime == FREE and place <= RATE_FORCE):
+            continue
+        value = look(m, d, i, argument(m, d, i, z, theta))[0]
+        power = given + law_at(m, i, EFFECT)
+        if place <= RATE_FORCE:
+            value *= law if place == RATE_FACTOR else 1.0
+            added += value
+            dz[power] -= value * into
+        elif place <= DAMPER:
+            on_shaker -= value
+            on_indenter += value
+            dz[power] -= value * closing
+        elif place == GUIDE:
+            on_shaker -= value
+            dz[power] -= value * v1
+        elif place <= DRIVE:
+            value *= -1.0 if place == INDENTER else (s[F_A] if place == WAVEFORM else 1.0)
+            on_indenter += value
+            dz[power] += value * v2
+        else:
+            on_mount += value
+    if int(m[TERMS]) > 0:
+        for i in range(int(m[TERMS])):
+            push[0], push[1], push[2] = 0.0, 0.0, 0.0
+            now = Moment(
+                d[TIME] + shift, theta, s[OMEGA], z[Y], closing, v1, v2, z[W], into, z[U], law, regime, s[F_A], s[F_B],
+                s[M1], s[M2], s[K], s[C], s[KL], s[KU],
+            )  # fmt: skip
+            call_term(
+                term_at(m, i, ADDRESS),
+                now,
+                z,
+                dz,
+                term_at(m, i, STATE),
+                m,
+                int(m[PARAMETERS_AT]) + term_at(m, i, PARAMETER),
+                push,
+            )
+            on_shaker += push[ON_SHAKER]
+            on_indenter += push[ON_INDENTER]
+            power = given + term_at(m, i, TERM_EFFECT)
+            dz[power] += push[ON_SHAKER] * v1 + push[ON_INDENTER] * v2
+            push[ON_ROCKS + i] = 0.0 if regime == FREE else push[ON_ROCK]
+            added += push[ON_ROCKS + i]
+            dz[power] -= push[ON_ROCKS + i] * into
+    push[WHOLE] = law + added
+    # the contact never pulls; within a step it is one or the other throughout
+    rock = law + added if d[CUT] == 0.0 else 0.0
+    if d[CUT] != 0.0 and added != 0.0:
+        share = -law / added
+        for i in range(int(m[LAWS])):
+            if law_at(m, i, PLACE) == RATE_FACTOR or law_at(m, i, PLACE) == RATE_FORCE:
+                dz[given + law_at(m, i, EFFECT)] *= share
+        for i in range(int(m[TERMS])):
+            dz[given + term_at(m, i, TERM_EFFECT)] += (1.0 - share) * push[ON_ROCKS + i] * into
+    if int(m[BY_LAG]) >= 0:
+        ratio = s[DRIVE_LAG] * s[OMEGA] / TURN
+        lost = drive * (1.0 / math.sqrt(1.0 + ratio * ratio) - 1.0)
+        on_indenter += lost
+        dz[given + int(m[BY_LAG])] += lost * v2
+    if int(m[BY_VIBRATION]) >= 0:
+        wave = math.sin(d[VIBRATION] + s[VIBRATION_RATE] * shift + s[VIBRATION_PHASE])
+        on_shaker += s[SHAKER_VIBRATION] * wave
+        on_indenter += s[INDENTER_VIBRATION] * wave
+        dz[given + int(m[BY_VIBRATION])] += wave * (s[SHAKER_VIBRATION] * v1 + s[INDENTER_VIBRATION] * v2)
+    if int(m[BY_AIR]) >= 0:
+        on_shaker -= z[Q]
+        dz[given + int(m[BY_AIR])] -= z[Q] * v1
+    dz[Q] = s[AIR_STIFFNESS] * v1 - s[AIR_RATE] * z[Q]
+    dz[U] = z[UD]
+    dz[UD] = s[MOUNT_GAIN] * rock - s[MOUNT_SQUARE] * z[U] - s[MOUNT_DAMPING] * z[UD] - on_mount
+    if int(m[BY_MOUNT]) >= 0:
+        dz[given + int(m[BY_MOUNT])] -= rock * z[UD]
+    dz[Y], dz[W] = closing, into
+    push[PUSHED] = s[F_B] - spring - damper + on_shaker
+    push[PUSHED + 1] = drive + spring + damper - rock + on_indenter
+    dz[V1], dz[V2] = push[PUSHED] / s[M1], push[PUSHED + 1] / s[M2]
+    rub(m, d, z, dz)
+    dz[tally + BY_DRIVE], dz[tally + BY_STATIC] = drive * v2, s[F_B] * v1
+    dz[tally + IN_DAMPER], dz[tally + IN_ROCK] = damper * closing, law * into
+    return rock
+
+
+@njit(**INLINED)
+def rub(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray):
+    """Add dry friction that grips: full while a mass slides; whatever holds it while it sticks."""
+    for mass in range(2):
+        limit = m[GRIP1 + mass]
+        if limit > 0.0:
+            slide = d[SLIDE1 + mass]
+            dz[V1 + mass] = 0.0 if slide == 0.0 else dz[V1 + mass] - slide * limit / m[M1 + mass]
+            dz[int(m[TALLY]) + BY_EFFECTS + int(m[BY_GRIP1 + mass])] -= slide * limit * z[V1 + mass]
+
+
+@njit(**INNER)
+def rates_apart(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
+    """As :func:`rates`, for what does not call it all the time."""
+    apart()
+    return rates(m, d, shift, z, dz, push)
+
+
+@njit(**INNER)
+def law_depth(m: np.ndarray, d: np.ndarray, regime: int, force: float) -> float:
+    """Depth in m at which the rock law of a regime has this force."""
+    apart()
+    goal = force / stiffness(m, d, regime)
+    bent = False
+    for i in range(int(m[LAWS])):
+        bent = bent or law_at(m, i, PLACE) == regime - ON_LOADING
+    if not bent or goal <= 0.0:
+        return goal
+    low, under, high = 0.0, -force, goal
+    over = law_anew(m, d, regime, high) - force
+    while over < 0.0:
+        low, under, high = high, over, 2.0 * high
+        over = law_anew(m, d, regime, high) - force
+    # regula falsi with the Illinois rule, and a bisection now and then in case it creeps
+    for turn in range(200):
+        guess = 0.5 * (low + high)
+        if turn % 4 < 3 and over > under:
+            guess = (low * over - high * under) / (over - under)
+        if not low < guess < high:
+            break
+        value = law_anew(m, d, regime, guess) - force
+        if value == 0.0:
+            return guess
+        if value > 0.0:
+            high, over, under = guess, value, 0.5 * under
+        else:
+            low, under, over = guess, value, 0.5 * over
+    return low if abs(law_anew(m, d, regime, low) - force) < abs(law_anew(m, d, regime, high) - force) else high
+
+
+@njit(**INNER)
+def law_anew(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
+    """The force of the rock law in N at any depth, whichever corners lie below it."""
+    apart()
+    depth = w
+    for i in range(int(m[LAWS])):
+        if law_at(m, i, PLACE) == regime - ON_LOADING:
+            scale = shape_scale(m, d, i, regime)
+            d[CORNERS + i] = corners_below(m, i, depth * scale, 1.0)
+            depth = look(m, d, i, depth * scale)[0] / scale
+    return stiffness(m, d, regime) * depth
+
+
+@njit(**INNER)
+def corners_below(m: np.ndarray, law: int, x: float, rate: float) -> int:
+    """How many corners of a law lie below an argument; one at which it stands counts if it rises."""
+    first, below = law_at(m, law, FIRST_CORNER), 0
+    for i in range(law_at(m, law, CORNER_COUNT)):
+        at = corner_at(m, first + i, WHERE)
+        if at < x or (at == x and rate > 0.0):
+            below += 1
+    return below
