@@ -162,7 +162,7 @@ def _add_model(parser: Parser) -> None:
     group = parser.add_argument_group("model")
     note = (
         "a model.json of a diagnosis: constants of the rig (in place of the options for them), of the rock if it has "
-        "any (in place of those too), and effects, with which the general engine is taken; those on sensors are left "
+        "any (in place of those too), and effects, with which the hybrid engine is taken; those on sensors are left "
         "aside"
     )
     group.add_argument("--model", metavar="FILE", help=note)
@@ -184,7 +184,7 @@ def _add_simulate(parser: Parser) -> None:
         "--phase", type=_number, default=0.0, metavar="RAD", help="of the excitation at the start, in rad"
     )
     note = "exact: closed form (default); general: numerical integration, always taken where a model has effects"
-    parser.add_argument("--engine", default="exact", metavar="{exact,general}", help=note)
+    parser.add_argument("--engine", default="exact", metavar="{exact,hybrid}", help=note)
     parser.add_argument("--out", metavar="FILE.csv", help="where the samples go")
     _add_json(parser)
     _add_controls(parser)

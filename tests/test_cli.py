@@ -98,8 +98,8 @@ def test_rock_and_rig_of_ones_own(run):
     assert damped["impacts"] != table["impacts"]
 
 
-def test_general_engine_by_option(run):
-    told = as_json(run("simulate", *SETTING, "--seconds", "0.05", "--engine", "general", "--json"))
+def test_hybrid_engine_by_option(run):
+    told = as_json(run("simulate", *SETTING, "--seconds", "0.05", "--engine", "hybrid", "--json"))
     exact = as_json(run("simulate", *SETTING, "--seconds", "0.05", "--json"))
     assert told["work_in"] == pytest.approx(exact["work_in"], rel=1e-9)
 

@@ -24,7 +24,7 @@ from training.league_figure import draw
 from training.league_table import write_table
 
 EPISODES = {"beyond": 9, "constants": 9, "constants-3": 9, "hidden": 6}
-"""Episodes of a condition, where not all: the planners take some seven seconds for one, the general engine its own."""
+"""Episodes of a condition, where not all: the planners take some seven seconds for one, the hybrid engine its own."""
 
 
 def parser() -> Parser:

@@ -150,7 +150,7 @@ def _times(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 @njit(**KERNEL)
 def set_plant(m1: float, m2: float, k: float, c: float, kl: float, ku: float, model: np.ndarray) -> bool:
-    """Write a rig on a rock into a model. Where it returns False the general engine has to do the work."""
+    """Write a rig on a rock into a model. Where it returns False the hybrid engine has to do the work."""
     mass = m1 * m2 / (m1 + m2)
     model[0, M1], model[0, M2], model[0, K], model[0, C] = m1, m2, k, c
     model[0, SHARE] = m1 / (m1 + m2)
@@ -206,7 +206,7 @@ def make_model(rig: Rig, rock: Rock, setting: Setting) -> np.ndarray:
     if not ok:
         raise InputError(
             "the two modes of this rig in contact are too close for the exact engine (a percussive rig has a light "
-            "indenter on a stiff rock and a heavy shaker on a soft spring): use simulate(..., engine='general')"
+            "indenter on a stiff rock and a heavy shaker on a soft spring): use simulate(..., engine='hybrid')"
         )
     set_drive(2 * math.pi * setting.frequency, rig.drive_force(setting), rig.static_force(setting), model)
     return model

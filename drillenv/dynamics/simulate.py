@@ -191,7 +191,7 @@ def simulate(
             the motion that the rig settles on from there.
         phase: Of the excitation at time 0 in rad. A motion of several periods passes a phase several times; the run
             starts at one of these.
-        engine: ``exact``; or ``general``, the hybrid engine, which integrates numerically and is also taken where there
+        engine: ``exact``; or ``hybrid``, which integrates numerically and is also taken where there
             are effects or the exact engine cannot take the rig.
         effects: From :func:`drillenv.dynamics.effects.make`.
 
@@ -205,7 +205,7 @@ def simulate(
     phase = number("phase", phase, *PHASE_LIMITS, "rad") % TURN % TURN  # the first may round up to a whole turn
     steady = choice("start", start, ("fresh", "steady")) == "steady"
     chosen = effects_meant(effects)
-    if choice("engine", engine, ("exact", "general")) == "exact" and not chosen:
+    if choice("engine", engine, ("exact", "hybrid")) == "exact" and not chosen:
         try:
             model = make_model(rig, rock, setting)
         except InputError:

@@ -146,6 +146,8 @@ class Batch:
         """
         if any(self.hybrid):
             which = self._step_hybrid(which, actions, increment, noise)
+            if not which.any():
+                return
         arguments = (which, actions, increment, self.weights, noise, self.task.noise)
         results = (self.truths, self.readings, self.rewards, self.windows)
         if self.threads <= 1:

@@ -56,7 +56,7 @@ def test_agrees_with_the_exact_engine_where_nothing_is_concealed(frequency, case
 @pytest.mark.parametrize("name", LIBRARY)
 def test_the_librarys_equations_are_the_librarys(name, monkeypatch):
     """Where both have an equation, two formulations, integrators and contacts give the same motion."""
-    # the general engine starts where the straight spring alone would rest
+    # the hybrid engine starts where the straight spring alone would rest
     monkeypatch.setattr(rig, "resting_shortening", lambda constants, static, physics: static / constants.stiffness)
     controls = Controls(90.0, 0.5, 0.8)
     constants = Constants()

@@ -1,4 +1,4 @@
-"""Diagnoses of campaigns that the general engine makes: what was put in comes out, and nothing else."""
+"""Diagnoses of campaigns that the hybrid engine makes: what was put in comes out, and nothing else."""
 
 import json
 from dataclasses import replace

@@ -362,20 +362,20 @@ def test_strobe_is_the_run_at_the_ends_of_periods():
 @pytest.mark.parametrize("setting", [(50.0, 0.45, 1.0), (120.0, 0.45, 1.0)])
 def test_engines_agree(setting, start):
     exact = simulate(setting, seconds=0.4, start=start, phase=1.0)
-    general = simulate(setting, seconds=0.4, start=start, phase=1.0, engine="general")
+    hybrid = simulate(setting, seconds=0.4, start=start, phase=1.0, engine="hybrid")
     for name in SAMPLES:
-        one, other = getattr(exact, name), getattr(general, name)
+        one, other = getattr(exact, name), getattr(hybrid, name)
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(one).max(), err_msg=name)
-    np.testing.assert_allclose(general.impacts.time, exact.impacts.time, atol=1e-11)
+    np.testing.assert_allclose(hybrid.impacts.time, exact.impacts.time, atol=1e-11)
     for name in ("force", "depth"):
-        np.testing.assert_allclose(getattr(general.impacts, name), getattr(exact.impacts, name), rtol=1e-9)
+        np.testing.assert_allclose(getattr(hybrid.impacts, name), getattr(exact.impacts, name), rtol=1e-9)
     for name in ("work_by_drive", "work_by_static", "lost_in_damper", "lost_in_rock", "stored_change"):
-        assert getattr(general, name) == pytest.approx(getattr(exact, name), rel=1e-9, abs=1e-9), name
-    assert general.penetration_rate == pytest.approx(exact.penetration_rate, rel=1e-3)
-    assert general.balance_error < 1e-9
+        assert getattr(hybrid, name) == pytest.approx(getattr(exact, name), rel=1e-9, abs=1e-9), name
+    assert hybrid.penetration_rate == pytest.approx(exact.penetration_rate, rel=1e-3)
+    assert hybrid.balance_error < 1e-9
 
 
-def test_effects_take_the_general_engine():
+def test_effects_take_the_hybrid_engine():
     effect = make("damping-quadratic", c2=500.0)
     run, plain = (simulate(FIGURE_3_2, seconds=0.2, effects=chosen, sample_rate=1000.0) for chosen in ([effect], []))
     assert run.work_by_effects < 0.0 == plain.work_by_effects
@@ -383,9 +383,9 @@ def test_effects_take_the_general_engine():
     assert np.abs(run.indenter_position - plain.indenter_position).max() > 1e-6
 
 
-def test_rig_that_the_exact_engine_cannot_take_runs_on_the_general_one():
+def test_rig_that_the_exact_engine_cannot_take_runs_on_the_hybrid_one():
     rig, rock = Rig(shaker_mass=614.0, indenter_mass=0.4, stiffness=127e3, damping=63.9e3), Rock(23.2e6, 25.5e6)
-    with pytest.raises(InputError, match="general"):
+    with pytest.raises(InputError, match="hybrid"):
         make_model(rig, rock, FIGURE_3_2)
     run = simulate(FIGURE_3_2, rock, rig, seconds=0.05, sample_rate=1000.0)
     assert run.balance_error < 1e-9

@@ -65,13 +65,13 @@ def test_taken_written_read_and_put_goes_on_alike(tmp_path):
 
 
 @pytest.mark.slow
-def test_rigs_of_the_general_engine_go_on_alike(tmp_path):
+def test_rigs_of_the_hybrid_engine_go_on_alike(tmp_path):
     change = {"env": "drillenv/DrillHidden-v0", "rollout": 2, "batch": 4, "ahead": 1}
     recipe = Recipe(**(TINY | change), evaluate_every=0)
     learner = Learner(recipe, threads=1)
     learner.model.learn(2 * recipe.update)
     taken = checkpoint.read(checkpoint.write(tmp_path, checkpoint.take(learner, {})))
-    assert any(rig["general"] for rig in taken.record["rigs"])
+    assert any(rig["hybrid"] for rig in taken.record["rigs"])
     expected = continued(learner, 2 * recipe.update)
     other = Learner(recipe, threads=1)
     checkpoint.put(other, taken)
@@ -198,7 +198,7 @@ def test_other_arrays_and_records_are_refused(run):
         ({"truths": np.zeros((1, 1))}, {}),
         ({"torch_generator": np.zeros(3, np.uint8)}, {}),
         ({}, {"rigs": []}),
-        ({}, {"rigs": [{"generator": {}, "general": None}] * 2}),
+        ({}, {"rigs": [{"generator": {}, "hybrid": None}] * 2}),
         ({}, {"positions": None}),
     ):
         changed = checkpoint.Checkpoint(kept.policy, kept.optimizer, {**kept.arrays, **arrays}, kept.record | record)

@@ -42,11 +42,9 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN_SLOPE,
     END,
     FLAGS,
-    LAST_RISE,
     LENGTH,
     PUSH,
     READY,
-    RISE,
     SPARE,
     SPARE_SLOPE,
     STAGES,
@@ -72,6 +70,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     OMEGA,
     PEAK,
     PLACE,
+    PULLS,
     RATED,
     REGIME,
     ROTATION,
@@ -159,7 +158,7 @@ def pass_phase_corner(m: np.ndarray, d: np.ndarray):
 def set_cut(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray):
     """Say whether the rock would pull at the state z."""
     d[CUT] = 0.0
-    if int(d[REGIME]) != FREE and m[RATED] > 0.0:
+    if int(d[REGIME]) != FREE and m[PULLS] > 0.0:
         rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
         d[CUT] = 1.0 if scratch[PUSH, WHOLE] < -NO_FORCE * (m[F_A] + m[F_B]) else 0.0
 
@@ -182,7 +181,7 @@ def prepare(m: np.ndarray, d: np.ndarray, z: np.ndarray, begins: bool, scratch: 
 
 @njit(**INNER)
 def enter(m: np.ndarray, d: np.ndarray, z: np.ndarray, after: int, scratch: np.ndarray):
-    """Change the regime of the contact."""
+    """Change the regime of the contact; the slope at the state has to be found anew."""
     apart()
     if int(d[REGIME]) == ON_LOADING and after == ON_UNLOADING:
         stand_on_face(m, d, z)
@@ -191,10 +190,10 @@ def enter(m: np.ndarray, d: np.ndarray, z: np.ndarray, after: int, scratch: np.n
     else:
         d[PEAK] = 0.0
     change_contact(m, d, after, z)
-    rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
-    set_corners(m, d, z, scratch[BEGIN_SLOPE], YES)
-    set_cut(m, d, z, scratch)
-    rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+    if m[LAWS] > 0.0 or m[PULLS] > 0.0:
+        rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+        set_corners(m, d, z, scratch[BEGIN_SLOPE], YES)
+        set_cut(m, d, z, scratch)
 
 
 @njit(**INNER)
@@ -268,6 +267,7 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
     after = standing_switch(d, z, scratch[BEGIN_SLOPE])
     if after != int(d[REGIME]):
         enter(m, d, z, after, scratch)
+        rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
         return WENT_ON, 0.0
     if left <= 0.0:
         return WENT_ON, 0.0
@@ -279,11 +279,9 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
     if code != NOTHING and s <= AT_ONCE * m[LONGEST]:
         let_through(m, d, z, code, scratch)
         return WENT_ON, 0.0
-    if m[RATED] > 0.0 and int(d[REGIME]) == ON_LOADING and scratch[FLAGS, RISE] > 0.0 > scratch[FLAGS, LAST_RISE]:
-        if not ready:
-            follow(m, d, h, scratch)
-            ready = YES
-        d[PEAK] = max(d[PEAK], highest_force(m, d, h, s, scratch))
+    if m[RATED] > 0.0 and int(d[REGIME]) == ON_LOADING:
+        most, ready = highest_force(m, d, h, s, ready, scratch)
+        d[PEAK] = max(d[PEAK], most)
     if code != NOTHING:
         s, ready = go_to(m, d, code, h, s, ready, exact, scratch)
         if exact:

@@ -26,9 +26,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     END,
     FIRST_SLOPE,
     FLAGS,
-    LAST_RISE,
     PUSH,
-    RISE,
     SPARE,
     SPARE_SLOPE,
     STAGES,
@@ -56,8 +54,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     OMEGA,
     ORIGIN,
     PLACE,
+    PULLS,
     PUSHED,
-    RATED,
     REGIME,
     ROTATION,
     ROTATION_CONTACT,
@@ -76,13 +74,14 @@ from drillenv.dynamics.hybrid.vector_field import (
     W,
     argument,
     argument_rate,
+    argument_size,
     corner_at,
     corners_below,
     law_at,
     law_depth,
     law_force,
-    look,
     rates_apart,
+    value_at,
 )
 
 # Guards: of the contact, of the speed of a mass that slides, of the force that a stick has to hold (upward and
@@ -93,6 +92,8 @@ LANDING, TURNING, RETURNING, RELEASE, STOPPING, BREAKING_UP, BREAKING_DOWN, CUTT
 )
 NOTHING = -1
 
+AT_REST = 1e-12
+"""Share of its usual size within which an argument that stands at a corner does not leave it."""
 NO_FORCE = 1e-9
 """Share of the rig's forces below which that of the rock is none."""
 (NEITHER,) = constants(-1)
@@ -111,6 +112,8 @@ DELTA = 1e-6
 """Share of the longest step for differences that give the rate of a force."""
 NEAR = 1e-13
 """Share of a step within which the root of a guard is found on the polynomial inside the step: well below SLACK."""
+PEAK_NEAR = 1e-6
+"""Share of a step within which a maximum is found; its value then is good to the square of that."""
 HALVINGS = 40
 """Of a time, at most, in search of where a guard that begins at zero without speed is below it."""
 GOLDEN = 0.6180339887498949
@@ -265,7 +268,7 @@ def root(m: np.ndarray, d: np.ndarray, code: int, h: float, low: float, high: fl
 
 
 @njit(**INNER)
-def tolerated(m: np.ndarray, code: int, scratch: np.ndarray) -> float:
+def tolerated(m: np.ndarray, d: np.ndarray, code: int, scratch: np.ndarray) -> float:
     """Error that the step has in a guard: inside a step, what is not above it may be the polynomial's alone."""
     sizes, rtol = int(m[SIZES_AT]), scratch[FLAGS, TOLERANCE]
     if code in (LANDING, RELEASE):
@@ -274,6 +277,8 @@ def tolerated(m: np.ndarray, code: int, scratch: np.ndarray) -> float:
         return rtol * m[sizes + V2]
     if code == CUTTING:
         return NO_FORCE * (m[F_A] + m[F_B])
+    if code >= CORNER:
+        return AT_REST * argument_size(m, d, (code - CORNER) // 2)
     return rtol * m[sizes + V1 + code - STOPPING] if code < BREAKING_UP else 0.0
 
 
@@ -287,12 +292,11 @@ def first_crossing(m: np.ndarray, d: np.ndarray, code: int, h: float, ready: boo
     g0, r0 = guard(m, d, code, 0.0, BEGIN, scratch), guard_rate(m, d, code, 0.0, BEGIN, FIRST_SLOPE, scratch)
     g1, r1 = guard(m, d, code, h, END, scratch), guard_rate(m, d, code, h, END, STAGES, scratch)
     size = max(max(abs(g0), abs(g1)), h * max(abs(r0), abs(r1)))
-    if code == CUTTING:
-        # that of a force that rises with depth; whether it does says whether it has a maximum
-        scratch[FLAGS, RISE], scratch[FLAGS, LAST_RISE] = (r0, r1) if d[CUT] != 0.0 else (-r0, -r1)
-    near = (ON_IT if code < CORNER else ON_CORNER) * size
+    near = ON_IT * size
     if code == CUTTING:
         near = NO_FORCE * (m[F_A] + m[F_B])
+    elif code >= CORNER:
+        near = max(ON_CORNER * size, tolerated(m, d, code, scratch))
     on_it = g0 > -near
     if on_it and (g0 > near or h * r0 > near):
         return 0.0, ready
@@ -309,7 +313,7 @@ def first_crossing(m: np.ndarray, d: np.ndarray, code: int, h: float, ready: boo
     if g0 < 0.0 < g1 and not on_it and g0 <= first <= last <= g1:
         # a cubic that only rises crosses once
         return root(m, d, code, h, 0.0, h, g0, g1, NO, scratch), YES
-    least = tolerated(m, code, scratch)
+    least = tolerated(m, d, code, scratch)
     before, earlier, at, value = g0, g0, 0.0, g0
     for part in range(1, PARTS + 1):
         s = h * part / PARTS
@@ -322,7 +326,7 @@ def first_crossing(m: np.ndarray, d: np.ndarray, code: int, h: float, ready: boo
                 s, value = top, read_guard(m, d, code, h, top, scratch)
                 at = 0.0 if at - h / PARTS <= 0.0 else at - h / PARTS
                 before = g0 if at == 0.0 else read_guard(m, d, code, h, at, scratch)
-        if value > (0.0 if part == PARTS and code != CUTTING else least):
+        if value > (0.0 if part == PARTS and code < CUTTING else least):
             if at > 0.0 or not on_it:
                 return root(m, d, code, h, at, s, min(before, 0.0), value, NO, scratch), YES
             if r0 < 0.0:
@@ -367,7 +371,7 @@ def find_event(m: np.ndarray, d: np.ndarray, h: float, ready: bool, scratch: np.
         s, ready = first_crossing(m, d, RELEASE, h, ready, scratch)
         if 0.0 <= s < first or (s >= 0.0 and which == NOTHING):
             first, which = s, RELEASE
-    if regime != FREE and m[RATED] > 0.0:
+    if regime != FREE and m[PULLS] > 0.0:
         s, ready = first_crossing(m, d, CUTTING, h, ready, scratch)
         if 0.0 <= s < first or (s >= 0.0 and which == NOTHING):
             first, which = s, CUTTING
@@ -460,7 +464,7 @@ def set_factor(m: np.ndarray, d: np.ndarray):
             # beyond any count of a rig a law does not go on
             count = min(d[COUNT_CONTACT], MOST_IMPACTS)
             d[CORNERS + i] = corners_below(m, i, count, 1.0)
-            d[FACTOR] *= 1.0 + look(m, d, i, count)[0]
+            d[FACTOR] *= 1.0 + value_at(m, d, i, count)
 
 
 @njit(**INNER)
@@ -530,24 +534,34 @@ def start_sliding(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarr
 
 
 @njit(**INNER)
-def highest_force(m: np.ndarray, d: np.ndarray, h: float, s: float, scratch: np.ndarray) -> float:
-    """Largest force of the rock in N inside the first s of the trial step of length h; 0 where it is at an end."""
+def highest_force(m: np.ndarray, d: np.ndarray, h: float, s: float, ready: bool, scratch: np.ndarray):
+    """Largest force of the rock in N inside the first s of the trial step of length h; 0 where it is at an end.
+
+    And whether the polynomial inside the step has been prepared. By the Illinois rule on how fast the force rises.
+    """
     apart()
-    low, high, best = 0.0, s, 0.0
-    for turn in range(32):
-        at = (0.0 if turn == 0 else s) if turn < 2 else 0.5 * (low + high)
-        delta = DELTA * h
+    rise = guard_rate(m, d, CUTTING, 0.0, BEGIN, FIRST_SLOPE, scratch) * (1.0 if d[CUT] != 0.0 else -1.0)
+    if rise <= 0.0:
+        return 0.0, ready
+    if not ready:
+        follow(m, d, h, scratch)
+    low, high, fall, best, side = 0.0, s, 0.0, 0.0, 0.0
+    for turn in range(12):
+        at = s if turn == 0 else (low * fall - high * rise) / (fall - rise)
         inside(int(m[TALLY]), at / h, scratch, SPARE)
         force = rates_apart(m, d, at, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
         for i in range(int(m[TALLY])):
-            scratch[SPARE, i] += delta * scratch[SPARE_SLOPE, i]
-        rising = rates_apart(m, d, at + delta, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH]) > force
+            scratch[SPARE, i] += DELTA * h * scratch[SPARE_SLOPE, i]
+        after = rates_apart(m, d, at + DELTA * h, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+        rate = (after - force) / (DELTA * h)
         best = max(best, force)
-        if (turn == 0 and not rising) or (turn == 1 and rising):
-            return 0.0
-        if turn > 1:
-            if rising:
-                low = at
-            else:
-                high = at
-    return best
+        if turn == 0 and rate >= 0.0:
+            return 0.0, YES
+        if turn > 0 and abs(at - (low if rate > 0.0 else high)) < PEAK_NEAR * h:
+            break
+        if rate > 0.0:
+            low, rise, fall = at, rate, fall * (0.5 if side > 0.0 else 1.0)
+        else:
+            high, fall, rise = at, rate, rise * (0.5 if side < 0.0 and turn > 1 else 1.0)
+        side = rate
+    return best, YES

@@ -70,12 +70,16 @@ def tables_of(chosen: Chosen, stiffness: float) -> tuple[tuple[int, int, Table],
     axes = chosen.effect.axes
     if axes is not None:
         assert chosen.curve is not None
-        return ((axes.place, OVER.index(axes.over), axes.table(chosen.curve)),)
+        table = axes.table(chosen.curve)
+        if axes.place == places.RATE_FACTOR and table.knots.size and float(np.min(table(table.knots))) < -1.0:
+            # a rock that does not pull
+            table = tabulate(lambda x: np.maximum(table(x), -1.0), table.knots[0], table.knots[-1], table.knots[1:-1])
+        return ((axes.place, OVER.index(axes.over), table),)
     found = []
     for name, given in chosen.effect.laws.items():
         place = PLACES[CODE[name]]
         shape = given if isinstance(given, Shape) else Shape(given)
-        law = functools.partial(_valued, shape.law, chosen.values, stiffness)
+        law = functools.partial(_valued, shape.law, chosen.values, stiffness, CODE[name] == places.RATE_FACTOR)
         x = np.linspace(place.low, place.high, 101)
         if np.array_equal(law(x), x if isinstance(given, Shape) else np.zeros_like(x)):
             continue
@@ -88,9 +92,9 @@ def tables_of(chosen: Chosen, stiffness: float) -> tuple[tuple[int, int, Table],
     return tuple(found)
 
 
-def _valued(law: Law, values: tuple[float, ...], stiffness: float, x: np.ndarray) -> np.ndarray:
-    """A law with its parameters."""
-    return law(x, values, stiffness)
+def _valued(law: Law, values: tuple[float, ...], stiffness: float, factor: bool, x: np.ndarray) -> np.ndarray:
+    """A law with its parameters; a factor on the rock's force makes it no pull."""
+    return np.maximum(law(x, values, stiffness), -1.0) if factor else law(x, values, stiffness)
 
 
 def check_effects(effects: tuple[Chosen, ...]) -> None:
@@ -141,16 +145,25 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
     slow = speed * rig.indenter_mass / rig.shaker_mass
     sizes = [force / rig.stiffness, slow, speed, depth, depth, speed, 0.01 * force, *sizes]
     s[V.LAWS], s[V.TERMS], s[V.TALLY], s[V.EFFECTS] = len(laws), len(terms), len(sizes), len(effects)
-    s[V.RATED] = any(row[V.PLACE] in (places.RATE_FACTOR, places.RATE_FORCE) for row in laws) or any(
+    at = [int(row[V.PLACE]) for row in laws]
+    terms_on_rock = any(
         "contact" in c.effect.balances and c.effect.term is not None and not c.is_neutral for c in effects
     )
-    parts = {V.LAWS_AT: laws, V.PIECES_AT: pieces, V.CORNERS_AT: corners, V.TERMS_AT: np.array(terms, dtype=float),
+    s[V.PULLS] = terms_on_rock or places.RATE_FORCE in at or at.count(places.RATE_FACTOR) > 1
+    s[V.RATED] = terms_on_rock or places.RATE_FORCE in at or places.RATE_FACTOR in at
+    parts = {V.CORNERS_AT: corners, V.TERMS_AT: np.array(terms, dtype=float),
              V.PARAMETERS_AT: np.array(parameters), V.SIZES_AT: np.array(sizes)}  # fmt: skip
-    flat = np.concatenate([s, *(part.ravel() for part in parts.values())])
-    at = V.SIZE
+    # a mount and the air stand behind the rig's own states: without them those do not move
+    moving = V.OWN if s[V.MOUNT_SQUARE] or s[V.AIR_STIFFNESS] or len(sizes) > V.OWN else V.U
+    s[V.MOVING] = max(moving, len(sizes) if len(sizes) > V.OWN else 0)
+    room = np.zeros((V.MOST_LAWS, V.LAW_COLUMNS))
+    room[: len(laws)] = laws
+    front = [s, room.ravel(), pieces.ravel()]
+    at = sum(part.size for part in front)
     for scalar, part in parts.items():
-        flat[scalar] = at
+        s[scalar] = at
         at += part.size
+    flat = np.concatenate([*front, *(part.ravel() for part in parts.values())])
     return Model(flat, flat[: V.SIZE], laws, len(sizes), len(effects))
 
 
@@ -188,10 +201,12 @@ def _flat_laws(effects: tuple[Chosen, ...], stiffness: float):
     for place, over, table, index in found:
         at = 1 + np.flatnonzero(table.corners)
         first, first_corner = sum(map(len, pieces)), sum(map(len, corners))
-        laws.append((place, first, len(table.pieces), first_corner, at.size, index, over))
+        laws.append((place, first, len(table.pieces), first_corner, at.size, index, over, first))
         pieces.append(np.column_stack([table.knots[:-1], 0.5 * np.diff(table.knots), table.pieces]))
         corners.append(np.column_stack([table.knots[at], at]))
     table = np.array(laws, dtype=np.int64).reshape(-1, V.LAW_COLUMNS)
+    if len(table) > V.MOST_LAWS:
+        raise InputError(f"the effects have {len(table)} laws: give effects with {V.MOST_LAWS} at most")
     return table, np.concatenate(pieces), np.concatenate(corners)
 
 

@@ -14,7 +14,7 @@ from drillenv.dynamics.borrow import borrowed
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON, advance, prepare, read_state
-from drillenv.dynamics.hybrid.compiled import INNER, NO, apart
+from drillenv.dynamics.hybrid.compiled import INNER, NO, apart, constants
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Start, extra_places, model_for, motion_at, start_at
 from drillenv.dynamics.hybrid.runge_kutta import (
@@ -145,6 +145,7 @@ class HybridRun(NamedTuple):
     """Steps taken."""
 
 
+INWARD, OUTWARD = constants(LOADING, UNLOADING)
 SAMPLE_COLUMNS = 8
 """x1, x2, v1, v2, acceleration, force, penetration, regime; the extra states follow."""
 IMPACT_COLUMNS = 5
@@ -169,7 +170,7 @@ def depth_of_face(m: np.ndarray, d: np.ndarray, w: float) -> float:
     apart()
     ahead = 0.0
     if int(d[REGIME]) == LOADING:
-        ahead = w - law_depth(m, d, UNLOADING, law_force(m, d, LOADING, w))
+        ahead = w - law_depth(m, d, OUTWARD, law_force(m, d, INWARD, w))
     return d[ORIGIN] + (d[CARRY] + ahead)
 
 

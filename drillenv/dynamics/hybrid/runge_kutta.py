@@ -13,7 +13,17 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, constants
-from drillenv.dynamics.hybrid.vector_field import CORNERS, EFFECTS, ON_ROCKS, SIZES_AT, TALLY, Model, rates, rates_apart
+from drillenv.dynamics.hybrid.vector_field import (
+    CORNERS,
+    EFFECTS,
+    MOVING,
+    ON_ROCKS,
+    SIZES_AT,
+    TALLY,
+    Model,
+    rates,
+    rates_apart,
+)
 
 # Dormand-Prince 8(5,3), from E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
 # Springer 1993, Sec. II.5, II.6 and II.10.
@@ -96,9 +106,9 @@ WAY = 22
 """up to seven polynomials' coefficients, that say where the trial step was inside;"""
 SPARE, SPARE_SLOPE = constants(29, 30)
 """a state to look at, and its slope;"""
-FLAGS, READY, LENGTH, STANDING, TOLERANCE, RISE, LAST_RISE = 31, 0, 1, 2, 3, 4, 5
+FLAGS, READY, LENGTH, STANDING, TOLERANCE = 31, 0, 1, 2, 3
 """whether the polynomials are ready, the length of their step in s, how many events there have been at one
-time, the relative error tolerated, and how fast the force of the rock rises at either end of the step in N/s."""
+time, and the relative error tolerated."""
 ROWS = 32
 
 
@@ -115,36 +125,36 @@ def copy(source: np.ndarray, target: np.ndarray):
 
 
 @njit(**INNER)
-def _add_up(stage: int, h: float, count: int, row: int, y: np.ndarray):
-    """The first ``count`` states at which a stage takes its slope, or those at the step's end, to a row."""
+def _add_up(stage: int, h: float, first: int, last: int, row: int, y: np.ndarray):
+    """States from ``first`` to ``last`` where a stage takes its slope, or those at the step's end, to a row."""
     apart()
     if stage == 1:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (A[0][0] * y[0, i])
     elif stage == 2:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (A[1][0] * y[0, i] + A[1][1] * y[1, i])
     elif stage == 3:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (A[2][0] * y[0, i] + A[2][1] * y[2, i])
     elif stage == 4:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (A[3][0] * y[0, i] + A[3][1] * y[2, i] + A[3][2] * y[3, i])
     elif stage == 5:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (A[4][0] * y[0, i] + A[4][1] * y[3, i] + A[4][2] * y[4, i])
     elif stage == 6:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[5][0] * y[0, i] + A[5][1] * y[3, i] + A[5][2] * y[4, i] + A[5][3] * y[5, i]
             )
     elif stage == 7:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[6][0] * y[0, i] + A[6][1] * y[3, i] + A[6][2] * y[4, i] + A[6][3] * y[5, i] + A[6][4] * y[6, i]
             )
     elif stage == 8:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[7][0] * y[0, i]
                 + A[7][1] * y[3, i]
@@ -154,7 +164,7 @@ def _add_up(stage: int, h: float, count: int, row: int, y: np.ndarray):
                 + A[7][5] * y[7, i]
             )
     elif stage == 9:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[8][0] * y[0, i]
                 + A[8][1] * y[3, i]
@@ -165,7 +175,7 @@ def _add_up(stage: int, h: float, count: int, row: int, y: np.ndarray):
                 + A[8][6] * y[8, i]
             )
     elif stage == 10:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[9][0] * y[0, i]
                 + A[9][1] * y[3, i]
@@ -177,7 +187,7 @@ def _add_up(stage: int, h: float, count: int, row: int, y: np.ndarray):
                 + A[9][7] * y[9, i]
             )
     elif stage == 11:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[10][0] * y[0, i]
                 + A[10][1] * y[3, i]
@@ -190,7 +200,7 @@ def _add_up(stage: int, h: float, count: int, row: int, y: np.ndarray):
                 + A[10][8] * y[10, i]
             )
     else:
-        for i in range(count):
+        for i in range(first, last):
             y[row, i] = y[BEGIN, i] + h * (
                 A[11][0] * y[0, i]
                 + A[11][1] * y[5, i]
@@ -210,11 +220,16 @@ def step(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray) -> float:
     Returns the force of the rock at the end of the step in N.
     """
     apart()
-    rock, tally = 0.0, int(m[TALLY])
+    rock, tally, moving = 0.0, int(m[TALLY]), int(m[MOVING])
+    whole = tally + 4 + int(m[EFFECTS])
+    for i in range(moving, tally):
+        scratch[INNER_STATE, i] = scratch[END, i] = scratch[BEGIN, i]
     for stage in range(1, STAGES + 1):
         # energies enter nothing, so they are counted only in the end
-        row, count = (INNER_STATE, tally) if stage < STAGES else (END, tally + 4 + int(m[EFFECTS]))
-        _add_up(stage, h, count, row, scratch)
+        row = INNER_STATE if stage < STAGES else END
+        _add_up(stage, h, 0, moving, row, scratch)
+        if stage == STAGES:
+            _add_up(stage, h, tally, whole, row, scratch)
         rock = rates(m, d, h * NODES[stage], scratch[row], scratch[stage], scratch[PUSH])
     return rock
 
@@ -226,7 +241,7 @@ def step_error(m: np.ndarray, h: float, rtol: float, scratch: np.ndarray) -> flo
     Largest over the states and not their mean, so that states at rest do not count.
     """
     y, sizes, one, two = scratch, int(m[SIZES_AT]), 0.0, 0.0
-    for i in range(int(m[TALLY])):
+    for i in range(int(m[MOVING])):
         fifth = (
             E5[0] * y[0, i]
             + E5[1] * y[5, i]
@@ -258,9 +273,9 @@ def step_error(m: np.ndarray, h: float, rtol: float, scratch: np.ndarray) -> flo
 def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
     """Prepare :func:`inside` for the step just taken over ``h``."""
     apart()
-    y, tally = scratch, int(m[TALLY])
+    y, tally, moving = scratch, int(m[TALLY]), int(m[MOVING])
     for stage in range(3):
-        for i in range(tally):
+        for i in range(moving):
             if stage == 0:
                 more = (
                     B[0][0] * y[0, i]
@@ -296,7 +311,8 @@ def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
                 )
             y[INNER_STATE, i] = y[BEGIN, i] + h * more
         rates_apart(m, d, h * EXTRA_NODES[stage], y[INNER_STATE], y[STAGES + 1 + stage], y[PUSH])
-    for i in range(tally + 4 + int(m[EFFECTS])):
+    for j in range(moving + 4 + int(m[EFFECTS])):
+        i = j if j < moving else j - moving + tally
         change = y[END, i] - y[BEGIN, i]
         y[WAY, i] = change
         y[WAY + 1, i] = h * y[0, i] - change

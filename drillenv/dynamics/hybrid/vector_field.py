@@ -36,7 +36,7 @@ from drillenv.dynamics.constitutive.places import (
 )
 from drillenv.dynamics.constitutive.tables import DEGREE
 from drillenv.dynamics.effects import ON_INDENTER, ON_ROCK, ON_SHAKER, Moment
-from drillenv.dynamics.flow import FREE
+from drillenv.dynamics.flow import FREE, sine_cosine
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, call_term, constants
 
@@ -99,16 +99,20 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
 LONGEST = GRIP2 + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
-# scalars do, -1 for none; and the dynamic states, the effects, whether the force of the rock may peak before a turn
-LAWS, LAWS_AT, PIECES_AT, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 9)
+# scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
+# peak before a turn, and whether it would pull
+LAWS, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 7)
 BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2 = range(SIZES_AT + 1, SIZES_AT + 7)
-TALLY, EFFECTS, RATED = range(BY_GRIP2 + 1, BY_GRIP2 + 4)
-SIZE = RATED + 1
+TALLY, MOVING, EFFECTS, RATED, PULLS = range(BY_GRIP2 + 1, BY_GRIP2 + 6)
+SIZE = PULLS + 1
+MOST_LAWS = 64
+"""Room for laws; their table begins at SIZE, that of their pieces behind it."""
 
 # Columns of the table of laws: its place; its pieces, from FIRST on; its corners, from FIRST_CORNER on; its effect;
-# what the shape of a contact is over (see places.OVER).
-PLACE, FIRST, PIECES, FIRST_CORNER, CORNER_COUNT, EFFECT, OVER_KIND = constants(*range(7))
-LAW_COLUMNS = 7
+# what the shape of a contact is over (see places.OVER); and the piece that was looked at last.
+PLACE, FIRST, PIECES, FIRST_CORNER, CORNER_COUNT, EFFECT, OVER_KIND, LAST_PIECE = constants(*range(8))
+LAW_COLUMNS = 8
+PIECES_AT = SIZE + MOST_LAWS * LAW_COLUMNS
 LEFT, HALF, COEFFICIENTS = 0, 1, 2
 """Columns of a piece: where it begins, half of its width, and its coefficients."""
 PIECE_COLUMNS = COEFFICIENTS + DEGREE + 1
@@ -141,7 +145,7 @@ class Model(NamedTuple):
 @njit(**INLINED)
 def law_at(m: np.ndarray, law: int, column: int) -> int:
     """A number of the table of laws."""
-    return int(m[int(m[LAWS_AT]) + law * LAW_COLUMNS + column])
+    return int(m[SIZE + law * LAW_COLUMNS + column])
 
 
 @njit(**INLINED)
@@ -157,8 +161,11 @@ def corner_at(m: np.ndarray, corner: int, column: int) -> float:
 
 
 @njit(**INLINED)
-def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
-    """Value and slope of a law at x, in the part between corners that the discrete state says; beyond it straight."""
+def piece_of(m: np.ndarray, d: np.ndarray, law: int, x: float) -> int:
+    """Where the piece of a law begins in m that holds x, or comes nearest to it.
+
+    Of those between the corners that the discrete state says. The piece last found is looked at first.
+    """
     first = law_at(m, law, FIRST)
     low, high = first, first + law_at(m, law, PIECES)
     count = law_at(m, law, CORNER_COUNT)
@@ -168,14 +175,30 @@ def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
             low = first + int(corner_at(m, corner + below - 1, PIECE))
         if below < count:
             high = first + int(corner_at(m, corner + below, PIECE))
-    table = int(m[PIECES_AT])
-    while high - low > 1:
-        middle = (low + high) // 2
-        if m[table + middle * PIECE_COLUMNS + LEFT] <= x:
-            low = middle
+    table, last = PIECES_AT, law_at(m, law, LAST_PIECE)
+    if low <= last < high:
+        if last > low and x < m[table + last * PIECE_COLUMNS + LEFT]:
+            high = last
+        elif last < high - 1 and x >= m[table + (last + 1) * PIECE_COLUMNS + LEFT]:
+            low = last + 1
         else:
-            high = middle
-    at = table + low * PIECE_COLUMNS
+            low, high = last, last + 1
+    if high - low > 1:
+        while high - low > 1:
+            middle = (low + high) // 2
+            if m[table + middle * PIECE_COLUMNS + LEFT] <= x:
+                low = middle
+            else:
+                high = middle
+    m[SIZE + law * LAW_COLUMNS + LAST_PIECE] = low
+    return table + low * PIECE_COLUMNS
+
+
+@njit(**INNER)
+def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
+    """Value and slope of a law at x, in the part between corners that the discrete state says; beyond it straight."""
+    apart()
+    at = piece_of(m, d, law, x)
     half = m[at + HALF]
     t = (x - m[at + LEFT]) / half - 1.0
     inside = min(max(t, -1.0), 1.0)
@@ -184,6 +207,20 @@ def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
         slope = value + inside * slope
         value = m[power] + inside * value
     return value + (t - inside) * slope, slope / half
+
+
+@njit(**INNER)
+def value_at(m: np.ndarray, d: np.ndarray, law: int, x: float) -> float:
+    """The value alone."""
+    at = piece_of(m, d, law, x)
+    t = (x - m[at + LEFT]) / m[at + HALF] - 1.0
+    if abs(t) > 1.0:
+        return look(m, d, law, x)[0]
+    c = at + COEFFICIENTS
+    square = t * t
+    even = m[c] + square * (m[c + 2] + square * (m[c + 4] + square * m[c + 6]))
+    odd = m[c + 1] + square * (m[c + 3] + square * (m[c + 5] + square * m[c + 7]))
+    return even + t * odd
 
 
 @njit(**INLINED)
@@ -212,7 +249,7 @@ def law_force(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
             break
         if law_at(m, i, PLACE) == regime - ON_LOADING:
             scale = shape_scale(m, d, i, regime)
-            depth = look(m, d, i, depth * scale)[0] / scale
+            depth = value_at(m, d, i, depth * scale) / scale
     return stiffness(m, d, regime) * depth
 
 
@@ -288,6 +325,19 @@ def argument_rate(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, dz: np.
     return dz[UD] if place == MOUNT_DAMPER else 0.0
 
 
+@njit(**INNER)
+def argument_size(m: np.ndarray, d: np.ndarray, law: int) -> float:
+    """What counts as large for it."""
+    place, sizes = law_at(m, law, PLACE), int(m[SIZES_AT])
+    if place <= UNLOADING:
+        return m[sizes + W] * shape_scale(m, d, law, place + ON_LOADING)
+    if place in (SPRING, SPRING_FROM_REST):
+        return m[sizes + Y]
+    if place == DRIVE:
+        return m[F_A]
+    return m[sizes + U] if place == MOUNT_SPRING else m[sizes + V2]
+
+
 @njit(**INLINED)
 def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
     """Write the time derivative of the state z, ``shift`` s after the discrete state d, to dz; return the rock's force.
@@ -301,14 +351,14 @@ def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
     for i in range(int(m[EFFECTS])):
         dz[given + i] = 0.0
     law = law_force(m, d, regime, z[W])
-    sine = math.sin(theta)
+    sine = sine_cosine(theta)[0]
     drive, spring, damper = s[F_A] * sine, s[K] * z[Y], s[C] * closing
     on_shaker, on_indenter, added, on_mount = 0.0, 0.0, 0.0, 0.0
     for i in range(int(m[LAWS])):
         place = law_at(m, i, PLACE)
         if place <= UNLOADING or place == COMPACTION or (regime == FREE and place <= RATE_FORCE):
             continue
-        value = look(m, d, i, argument(m, d, i, z, theta))[0]
+        value = value_at(m, d, i, argument(m, d, i, z, theta))
         power = given + law_at(m, i, EFFECT)
         if place <= RATE_FORCE:
             value *= law if place == RATE_FACTOR else 1.0
@@ -448,7 +498,7 @@ def law_anew(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
         if law_at(m, i, PLACE) == regime - ON_LOADING:
             scale = shape_scale(m, d, i, regime)
             d[CORNERS + i] = corners_below(m, i, depth * scale, 1.0)
-            depth = look(m, d, i, depth * scale)[0] / scale
+            depth = value_at(m, d, i, depth * scale) / scale
     return stiffness(m, d, regime) * depth
 
 

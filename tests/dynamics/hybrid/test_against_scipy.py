@@ -16,6 +16,7 @@ from scipy.interpolate import PchipInterpolator
 
 from drillenv.dynamics.effects import LIBRARY, TABULATED, make
 from drillenv.dynamics.hybrid.run import run_hybrid
+from drillenv.env.hybrid_plant import RTOL
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
 from tests.dynamics.hybrid.peer import LOADING, UNLOADING, Bent, Peer, Straight, Tangent, Wave, clipped, measured
@@ -316,8 +317,8 @@ def test_straight_tangent_is_that_of_scipy(case):
 
 
 @each_of(CASES)
-def test_fast_pair_is_near(case):
-    check_alike(_run(case.id, 1e-6), _peer(case.id), 1e-5)
+def test_the_tolerance_of_environments_is_near(case):
+    check_alike(_run(case.id, RTOL), _peer(case.id), 1e-5)
 
 
 @each_of(CASES + STRAIGHT_TANGENTS)
