@@ -1,8 +1,8 @@
 """What the rig settles on with effects beyond the paper's model: the search of orbits.py, on the hybrid engine.
 
 As there, the rig runs and is looked at once an excitation period; a near return is polished by Newton's method, and
-taken if the orbit is stable and the run closes in on it. There is no closed form to differentiate, so that the
-derivative of the return map is made of central differences: multipliers carry about five digits.
+taken if the orbit is stable and the run closes in on it. The derivative of the return map is that of the variational
+equations along one run, with saltation at its events (:mod:`drillenv.dynamics.hybrid.sensitivity`).
 
 A point of the section is y, v1, v2 and w, then the rock's displacement and speed where a mount lets it move, the force
 that enclosed air has taken off the cylinder, and the states of terms from outside, each over a scale of its own. What
@@ -32,10 +32,12 @@ from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import TURN
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING, make_model
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON
+from drillenv.dynamics.hybrid.compiled import YES
 from drillenv.dynamics.hybrid.events import set_corners
 from drillenv.dynamics.hybrid.model import Motion, Start, extra_places, fresh_motion, model_for, motion_at, start_at
 from drillenv.dynamics.hybrid.run import RATES, SAMPLE_COLUMNS, integrate
-from drillenv.dynamics.hybrid.runge_kutta import FLAGS, SPARE_SLOPE, STANDING, make_scratch
+from drillenv.dynamics.hybrid.runge_kutta import BEGIN, FLAGS, SPARE_SLOPE, STANDING, make_scratch
+from drillenv.dynamics.hybrid.sensitivity import VARIED, law_slope, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
     CARRY,
@@ -45,7 +47,9 @@ from drillenv.dynamics.hybrid.vector_field import (
     ORIGIN,
     PEAK,
     REGIME,
+    ROTATION_SHARE,
     THETA,
+    THETA_CARRY,
     TIME,
     TURNS,
     UD,
@@ -102,13 +106,14 @@ Place = Motion
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def depth_counted(m: np.ndarray, d: np.ndarray, z: np.ndarray, regime: int, wanted: int, scratch: np.ndarray) -> float:
+def depth_counted(m: np.ndarray, d: np.ndarray, z: np.ndarray, regime: int, wanted: int, scratch: np.ndarray):
     """Depth in m at which a regime of contact resists as the present one does: w counted from Xp instead of Xf.
 
-    What ``d`` counts of the contact's corners is lost.
+    And its derivative by the present depth. What ``d`` counts of the contact's corners is lost.
     """
-    set_corners(m, d, z, scratch[SPARE_SLOPE], True)
-    return law_depth(m, d, wanted, law_force(m, d, regime, z[W]))
+    set_corners(m, d, z, scratch[SPARE_SLOPE], YES)
+    depth = law_depth(m, d, wanted, law_force(m, d, regime, z[W]))
+    return depth, law_slope(m, d, regime, z[W]) / law_slope(m, d, wanted, depth)
 
 
 def regime_of(place: Place) -> int:
@@ -258,15 +263,20 @@ class Section:
             counted = UNLOADING if counted == FREE else counted
             d[REGIME] = wanted = counted if into == 0.0 else (LOADING if into > 0.0 else UNLOADING)
             if wanted != counted:
-                z[W] = depth_counted(self.model.flat, d, z, counted, wanted, self.scratch)
+                z[W], _rate = depth_counted(self.model.flat, d, z, counted, wanted, self.scratch)
         return self._begun(place)
 
     def point(self, place: Place, counted: int) -> np.ndarray:
         """(d,) a place over the scales, w as the regime ``counted`` counts it where both are in contact."""
-        values, regime = place.z[self.columns], regime_of(place)
-        if place.z[W] > 0.0 and counted not in (regime, FREE) and regime != FREE:
-            values[3] = depth_counted(self.model.flat, place.d.copy(), place.z, regime, counted, self.scratch)
+        values = place.z[self.columns]
+        values[3] = self._recounted(place, regime_of(place), counted)[0]
         return values / self.scales
+
+    def _recounted(self, place: Place, regime: int, counted: int) -> tuple[float, float]:
+        """The depth w, counted by ``regime``, as another regime counts it where both are in contact; its derivative."""
+        if place.z[W] <= 0.0 or counted in (regime, FREE) or regime == FREE:
+            return float(place.z[W]), 1.0
+        return depth_counted(self.model.flat, place.d.copy(), place.z, regime, counted, self.scratch)
 
     def moved(self, place: Place, point: np.ndarray) -> Place:
         """The place at another point, which counts w as this place's regime does."""
@@ -282,7 +292,7 @@ class Section:
         reached.z[self.model.tally :] = 0.0
         impacts, switches = self._integrate(reached, False, seconds, rate, samples, rtol, exact)
         # drift and rounding would take digits from phase and place
-        reached.d[[THETA, TURNS, TIME, ORIGIN, CARRY]] = 0.0
+        reached.d[[THETA, THETA_CARRY, TURNS, TIME, ORIGIN, CARRY]] = 0.0
         return reached, impacts, switches
 
     def _integrate(self, place: Place, begins: bool, seconds: float, rate: float, samples, rtol: float, exact: bool):
@@ -292,10 +302,14 @@ class Section:
         status, now, impacts, switches, _steps = integrate(
             exact, self.model, d, z, begins, seconds, rate, samples, NO_EXTRAS, rtol, self.scratch
         )
+        self._check(status, now)
+        return impacts, switches
+
+    @staticmethod
+    def _check(status: int, now: float) -> None:
         if status != WENT_ON:
             why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
             raise InputError(f"the motion {why} at {now:g} s: make the effects weaker")
-        return impacts, switches
 
     def samples(self, count: int) -> np.ndarray:
         """Room for so many samples."""
@@ -326,7 +340,27 @@ class Section:
         return self.point(self.after(self.moved(place, point), periods), regime_of(place))
 
     def tangent(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
-        """(d, d) derivative of the return map by central differences."""
+        """(d, d) derivative of the return map, by the variational equations along one run."""
+        if self.model.s[ROTATION_SHARE] != 0.0:
+            # the rock's stiffness goes with the moment of landing, which the equations do not vary
+            return self.tangent_by_differences(place, point, periods)
+        begin = self.moved(place, point)
+        counted, n = regime_of(place), self.model.tally
+        columns = np.zeros((point.size, VARIED, n))
+        columns[np.arange(point.size), int(BEGIN), self.columns] = self.scales
+        # w counts as this place's regime does, which need not be that of the point
+        other = place.copy()
+        other.z[W] = point[3] * self.scales[3]
+        columns[3, int(BEGIN), W] *= self._recounted(other, counted, regime_of(begin))[1]
+        d, z = begin
+        status, now = run_varied(self.model, d, z, periods * self.duration, RTOL, columns, self.scratch)
+        self._check(status, now)
+        varied = columns[:, int(BEGIN), self.columns].T
+        varied[3] *= self._recounted(begin, regime_of(begin), counted)[1]
+        return varied / self.scales[:, None]
+
+    def tangent_by_differences(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
+        """The same by central differences."""
         columns = []
         for step in DELTA * np.eye(point.size):
             ahead, behind = (self.returned(place, point + way * step, periods) for way in (1.0, -1.0))

@@ -125,7 +125,7 @@ def copy(source: np.ndarray, target: np.ndarray):
 
 
 @njit(**INNER)
-def _add_up(stage: int, h: float, first: int, last: int, row: int, y: np.ndarray):
+def add_up(stage: int, h: float, first: int, last: int, row: int, y: np.ndarray):
     """States from ``first`` to ``last`` where a stage takes its slope, or those at the step's end, to a row."""
     apart()
     if stage == 1:
@@ -227,9 +227,9 @@ def step(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray) -> float:
     for stage in range(1, STAGES + 1):
         # energies enter nothing, so they are counted only in the end
         row = INNER_STATE if stage < STAGES else END
-        _add_up(stage, h, 0, moving, row, scratch)
+        add_up(stage, h, 0, moving, row, scratch)
         if stage == STAGES:
-            _add_up(stage, h, tally, whole, row, scratch)
+            add_up(stage, h, tally, whole, row, scratch)
         rock = rates(m, d, h * NODES[stage], scratch[row], scratch[stage], scratch[PUSH])
     return rock
 
