@@ -58,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit code: 0, 2 on bad input, 130 when interrupted, 141 on a closed pipe."""
     try:
         given = _parser().parse_args(arguments)
+        _announce_compilation()
         given.run(given)
         sys.stdout.flush()
     except InputError as error:
@@ -74,6 +75,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # --help and --version
         return end.code if isinstance(end.code, int) else 0
     return 0
+
+
+def _announce_compilation() -> None:
+    from drillenv.compiling import announce  # imports Numba, which --help has no need of
+
+    announce()
 
 
 def _say(message: str, code: int) -> int:

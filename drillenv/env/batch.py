@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from drillenv.compiling import announce
 from drillenv.dynamics.exact import THETA, TURN, TURNS, make_scratch
 from drillenv.dynamics.flow import KERNEL
 from drillenv.env import plant
@@ -103,6 +104,7 @@ class Batch:
     """
 
     def __init__(self, task: Task, n: int, samples: int, threads: int):
+        announce()
         self.task = task
         self.n = n
         self.plants = make_plants(n)

@@ -39,8 +39,19 @@ LAW = Effect(
     "loses", laws={"rate-force": _law},
 )
 
+# in ten lines of NumPy, for the diagnosis too
+from drillenv.dynamics.effects import EVERYWHERE
+from drillenv.dynamics.forms import Form
+
+CUBIC = Effect(
+    "lab-cubic", "The coupling's damping grows with the cube of the speed.", "coupling force + c3 (X1' - X2')^3",
+    "constitutive", (Parameter("c3", "cubic damping", "N s^3/m^3", 0.0, 1e6, 0.0, (1e3, 5e3)),), ("indenter",),
+    EVERYWHERE, "loses", laws={"damper": lambda speed, p, stiffness: p[0] * speed**3},
+    forms=(Form("cubic", ("c3",), ((2000.0,),)),),
+)
+
 # compiled, with a state of its own
-from drillenv.dynamics.effects import EVERYWHERE, ON_SHAKER, Extra
+from drillenv.dynamics.effects import ON_SHAKER, Extra
 
 def _leak(now, own, p, push, rates):
     push[ON_SHAKER] -= own[0]
@@ -139,6 +150,38 @@ def test_a_law_and_a_term_with_a_state_are_followed(install):
     for one, other, *errors in told["energy"]:
         assert one == pytest.approx(other, rel=1e-8) and abs(one) > 1e-4 and max(map(abs, errors)) < 1e-8
     assert told["states"] == [0, 1] and told["multipliers"] == [4, 5]
+
+
+EVERYWHERE_ELSE = """
+import json
+import gymnasium as gym
+import numpy as np
+import drillenv
+from drillenv.corrected import Corrected, write_model
+from drillenv.diagnosis.report import diagnose
+from drillenv.dynamics.effects import make
+from tests.diagnosis.test_diagnose import campaign_with
+effect = make("lab-cubic", c3=3000.0)
+write_model("lab.json", Corrected(effects=(effect,)))
+peaks = []
+for model in ({"model": "lab.json"}, {}):
+    env = gym.make("drillenv/Drill-v0", rock=4, noise=0.0, **model)
+    env.reset(seed=1)
+    peaks.append(env.step(np.array([0.5, 0.5, -0.5], dtype=np.float32))[4]["largest_peak_force"])
+report = diagnose(campaign_with(effects=[effect], seed=6))
+print(json.dumps([peaks, report.verdict, report.record["findings"]]))
+"""
+
+
+@pytest.mark.slow
+def test_a_mechanism_from_outside_is_simulated_drilled_and_found(install):
+    """Stated once, in ten lines of NumPy: the environments run it, and the diagnosis finds it under its name."""
+    (ours, plain), verdict, findings = install("lab-rocks", "lab_effects:CUBIC")(EVERYWHERE_ELSE)
+    assert abs(ours - plain) > 1e-3 * plain
+    assert verdict == "missing-physics"
+    assert [each["mechanism"] for each in findings] == ["lab-cubic"]
+    value = findings[0]["parameters"]["c3"]
+    assert value["value"] == pytest.approx(3000.0, abs=4.0 * value["std"])
 
 
 def test_their_module_may_come_first(install):

@@ -285,7 +285,9 @@ def test_a_point_is_counted_from_xf_and_xp_alike(w, v2):
     if regime == 1:
         assert place.z[3] > 1.02 * w
     again = section.moved(place, section.point(place, regime))
-    assert np.array_equal(again.z, place.z) and np.array_equal(again.d, place.d)
+    # over its scale and back a number may lose its last bit
+    np.testing.assert_allclose(again.z, place.z, rtol=4e-16)
+    assert np.array_equal(again.d, place.d)
 
 
 def test_a_failed_run_leaves_nothing_behind():

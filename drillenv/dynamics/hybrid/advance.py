@@ -58,7 +58,6 @@ from drillenv.dynamics.hybrid.runge_kutta import (
 )
 from drillenv.dynamics.hybrid.vector_field import (
     CORNER_COUNT,
-    CORNERS,
     CUT,
     F_A,
     F_B,
@@ -90,9 +89,11 @@ from drillenv.dynamics.hybrid.vector_field import (
     WHERE,
     WHOLE,
     W,
+    below_of,
     corner_at,
     law_at,
     rates_apart,
+    set_below,
 )
 
 WENT_ON, STEPS_TOO_SHORT, SWITCHES_TOO_DENSE = range(3)
@@ -126,7 +127,7 @@ def to_phase_corner(m: np.ndarray, d: np.ndarray) -> float:
     ahead = math.inf
     for i in range(int(m[LAWS])):
         if law_at(m, i, PLACE) == WAVEFORM and law_at(m, i, CORNER_COUNT) > 0:
-            below, at = int(d[CORNERS + i]), TURN
+            below, at = below_of(d, i), TURN
             if below < law_at(m, i, CORNER_COUNT):
                 at = corner_at(m, law_at(m, i, FIRST_CORNER) + below, WHERE)
             ahead = min(ahead, max((at - d[THETA]) / m[OMEGA], 0.0))
@@ -139,15 +140,15 @@ def pass_phase_corner(m: np.ndarray, d: np.ndarray):
     apart()
     for i in range(int(m[LAWS])):
         if law_at(m, i, PLACE) == WAVEFORM and law_at(m, i, CORNER_COUNT) > 0:
-            first, below = law_at(m, i, FIRST_CORNER), int(d[CORNERS + i])
+            first, below = law_at(m, i, FIRST_CORNER), below_of(d, i)
             if below < law_at(m, i, CORNER_COUNT):
                 at = corner_at(m, first + below, WHERE)
                 if at <= d[THETA] + 1e-12:
                     # rounding may have left it just before
-                    d[CORNERS + i] += 1.0
+                    set_below(m, d, i, below + 1)
                     d[THETA] = max(d[THETA], at)
             elif d[THETA] < corner_at(m, first, WHERE) or d[THETA] > TURN - 1e-12:
-                d[CORNERS + i] = 0.0
+                set_below(m, d, i, 0)
                 if d[THETA] > 1.0:
                     # rounding has left it just before the end of the turn
                     d[THETA] = 0.0
@@ -202,7 +203,8 @@ def let_through(m: np.ndarray, d: np.ndarray, z: np.ndarray, code: int, scratch:
     apart()
     before, after, mass = int(d[REGIME]), -1, -1
     if code >= CORNER:
-        d[CORNERS + (code - CORNER) // 2] += 1.0 if (code - CORNER) % 2 == 0 else -1.0
+        law = (code - CORNER) // 2
+        set_below(m, d, law, below_of(d, law) + (1 if (code - CORNER) % 2 == 0 else -1))
     elif code == CUTTING:
         d[CUT] = 1.0 - d[CUT]
     elif code >= STOPPING:

@@ -39,7 +39,6 @@ from drillenv.dynamics.hybrid.runge_kutta import (
 from drillenv.dynamics.hybrid.vector_field import (
     CARRY,
     CORNER_COUNT,
-    CORNERS,
     COUNT,
     COUNT_CONTACT,
     CUT,
@@ -75,12 +74,14 @@ from drillenv.dynamics.hybrid.vector_field import (
     argument,
     argument_rate,
     argument_size,
+    below_of,
     corner_at,
     corners_below,
     law_at,
     law_depth,
     law_force,
     rates_apart,
+    set_below,
     value_at,
 )
 
@@ -150,7 +151,7 @@ def guard(m: np.ndarray, d: np.ndarray, code: int, shift: float, row: int, scrat
         sign = 1.0 if code < BREAKING_DOWN else -1.0
         return sign * scratch[PUSH, PUSHED + mass] - breakaway(m, mass)
     law = (code - CORNER) // 2
-    x, at = argument(m, d, law, z, d[THETA] + m[OMEGA] * shift), law_at(m, law, FIRST_CORNER) + int(d[CORNERS + law])
+    x, at = argument(m, d, law, z, d[THETA] + m[OMEGA] * shift), law_at(m, law, FIRST_CORNER) + below_of(d, law)
     beyond = x - corner_at(m, at, WHERE) if (code - CORNER) % 2 == 0 else corner_at(m, at - 1, WHERE) - x
     return beyond
 
@@ -386,7 +387,7 @@ def find_event(m: np.ndarray, d: np.ndarray, h: float, ready: bool, scratch: np.
     for law in range(int(m[LAWS])):
         count = law_at(m, law, CORNER_COUNT)
         if count > 0 and acts(law_at(m, law, PLACE), regime):
-            below = int(d[CORNERS + law])
+            below = below_of(d, law)
             for way in range(2):
                 if (below < count) if way == 0 else (below > 0):
                     code = CORNER + 2 * law + way
@@ -463,7 +464,7 @@ def set_factor(m: np.ndarray, d: np.ndarray):
         if law_at(m, i, PLACE) == COMPACTION:
             # beyond any count of a rig a law does not go on
             count = min(d[COUNT_CONTACT], MOST_IMPACTS)
-            d[CORNERS + i] = corners_below(m, i, count, 1.0)
+            set_below(m, d, i, corners_below(m, i, count, 1.0))
             d[FACTOR] *= 1.0 + value_at(m, d, i, count)
 
 
@@ -475,10 +476,10 @@ def set_corners(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, con
         place = law_at(m, i, PLACE)
         if law_at(m, i, CORNER_COUNT) > 0 and place != COMPACTION and (not contact or place <= RATE_FORCE):
             if place == WAVEFORM:
-                d[CORNERS + i] = 0.0
+                set_below(m, d, i, 0)
             theta = d[THETA]
             x = argument(m, d, i, z, theta)
-            d[CORNERS + i] = corners_below(m, i, x, argument_rate(m, d, i, z, dz, theta))
+            set_below(m, d, i, corners_below(m, i, x, argument_rate(m, d, i, z, dz, theta)))
 
 
 @njit(**INNER)

@@ -7,6 +7,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from drillenv.checks import InputError, number
 from drillenv.dynamics.constitutive import places
@@ -49,7 +50,7 @@ class Motion(NamedTuple):
     """A state of a rig. Copied, it goes on bit for bit."""
 
     d: np.ndarray
-    """(CORNERS + laws,) the discrete state."""
+    """(CORNERS + LAW_MEMORY laws,) the discrete state."""
     z: np.ndarray
     """(tally + energies,) the state, see :mod:`drillenv.dynamics.hybrid.vector_field`."""
 
@@ -212,11 +213,19 @@ def _flat_laws(effects: tuple[Chosen, ...], stiffness: float):
 
 def fresh_motion(model: Model, phase: float = 0.0) -> Motion:
     """The rig at rest, the cylinder leaning on the spring, the indenter touching rock never hit before."""
-    d, z = np.zeros(V.CORNERS + len(model.laws)), np.zeros(model.tally + BY_EFFECTS + model.effects)
+    d, z = np.zeros(V.CORNERS + V.LAW_MEMORY * len(model.laws)), np.zeros(model.tally + BY_EFFECTS + model.effects)
     z[V.Y] = model.s[V.F_B] / model.s[V.K]
     d[V.REGIME], d[V.THETA], d[V.FACTOR] = FREE, phase, 1.0
     d[V.TRUST : V.TRUST + 3] = min(model.s[V.LONGEST], 0.05 * math.sqrt(model.s[V.M2] / model.s[V.KL]))
+    for law in range(len(model.laws)):
+        write_below(model.flat, d, law)
     return Motion(d, z)
+
+
+@njit(cache=True)
+def write_below(m: np.ndarray, d: np.ndarray, law: int):
+    """Put a law into its first part between corners."""
+    V.set_below(m, d, law, 0)
 
 
 class Start(NamedTuple):

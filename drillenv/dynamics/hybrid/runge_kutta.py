@@ -16,6 +16,7 @@ from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, constants
 from drillenv.dynamics.hybrid.vector_field import (
     CORNERS,
     EFFECTS,
+    LAW_MEMORY,
     MOVING,
     ON_ROCKS,
     SIZES_AT,
@@ -114,7 +115,7 @@ ROWS = 32
 
 def make_scratch(m: Model) -> np.ndarray:
     """Fresh working memory for a model."""
-    return np.zeros((ROWS, max(m.tally + 4 + m.effects, ON_ROCKS + m.effects, CORNERS + len(m.laws))))
+    return np.zeros((ROWS, max(m.tally + 4 + m.effects, ON_ROCKS + m.effects, CORNERS + LAW_MEMORY * len(m.laws))))
 
 
 @njit(**INNER)

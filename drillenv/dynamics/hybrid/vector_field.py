@@ -70,12 +70,14 @@ BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
     TRUST,
 ) = range(19)
 CORNERS = TRUST + 3
+LAW_MEMORY, BELOW, LOWEST, HIGHEST = 3, 0, 1, 2
 """0 no contact, 1 loading, 2 unloading; phase in [0, 2 pi) with the rounding it owes, and whole turns of the
 excitation; time since the start in s; the origin in m and the rounding it owes; ways in which masses slide (1, -1, or 0
 while dry friction holds them); impacts on this face, and those before the present contact; angles in rad of what turns,
 now and where the present contact began, and of the vibration; factor on the rock's stiffness; largest force of the
 present loading so far in N, and its depth in m at the last turn; 1 where the rock would pull, and does not; length in s
-of the next step in each regime. Behind them, for each law, how many of its corners lie below its argument."""
+of the next step in each regime. Behind them, for each law, how many of its corners lie below its
+argument, and the first piece of the part between corners that it is in and that of the next."""
 
 # Scalars of the model, in front of those that effects set
 M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
@@ -161,20 +163,30 @@ def corner_at(m: np.ndarray, corner: int, column: int) -> float:
 
 
 @njit(**INLINED)
+def below_of(d: np.ndarray, law: int) -> int:
+    """How many corners of a law lie below its argument."""
+    return int(d[CORNERS + LAW_MEMORY * law + BELOW])
+
+
+@njit(**INNER)
+def set_below(m: np.ndarray, d: np.ndarray, law: int, below: int):
+    """Put a law into the part above so many of its corners."""
+    at, first, corner = CORNERS + LAW_MEMORY * law, law_at(m, law, FIRST), law_at(m, law, FIRST_CORNER)
+    low, high = first, first + law_at(m, law, PIECES)
+    if below > 0:
+        low = first + int(corner_at(m, corner + below - 1, PIECE))
+    if below < law_at(m, law, CORNER_COUNT):
+        high = first + int(corner_at(m, corner + below, PIECE))
+    d[at + BELOW], d[at + LOWEST], d[at + HIGHEST] = below, low, high
+
+
+@njit(**INLINED)
 def piece_of(m: np.ndarray, d: np.ndarray, law: int, x: float) -> int:
     """Where the piece of a law begins in m that holds x, or comes nearest to it.
 
     Of those between the corners that the discrete state says. The piece last found is looked at first.
     """
-    first = law_at(m, law, FIRST)
-    low, high = first, first + law_at(m, law, PIECES)
-    count = law_at(m, law, CORNER_COUNT)
-    if count > 0:
-        corner, below = law_at(m, law, FIRST_CORNER), int(d[CORNERS + law])
-        if below > 0:
-            low = first + int(corner_at(m, corner + below - 1, PIECE))
-        if below < count:
-            high = first + int(corner_at(m, corner + below, PIECE))
+    low, high = int(d[CORNERS + LAW_MEMORY * law + LOWEST]), int(d[CORNERS + LAW_MEMORY * law + HIGHEST])
     table, last = PIECES_AT, law_at(m, law, LAST_PIECE)
     if low <= last < high:
         if last > low and x < m[table + last * PIECE_COLUMNS + LEFT]:
@@ -290,7 +302,7 @@ def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float
         return z[V2]
     if place == WAVEFORM:
         # counted on from the corner below, since the end of a part may be that of a turn
-        below = int(d[CORNERS + law]) if law_at(m, law, CORNER_COUNT) > 0 else 0
+        below = below_of(d, law)
         low = corner_at(m, law_at(m, law, FIRST_CORNER) + below - 1, WHERE) if below > 0 else 0.0
         return theta - TURN * math.floor((theta - low) / TURN)
     if place == DRIVE:
@@ -497,7 +509,7 @@ def law_anew(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
     for i in range(int(m[LAWS])):
         if law_at(m, i, PLACE) == regime - ON_LOADING:
             scale = shape_scale(m, d, i, regime)
-            d[CORNERS + i] = corners_below(m, i, depth * scale, 1.0)
+            set_below(m, d, i, corners_below(m, i, depth * scale, 1.0))
             depth = value_at(m, d, i, depth * scale) / scale
     return stiffness(m, d, regime) * depth
 
