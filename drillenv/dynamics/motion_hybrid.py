@@ -87,6 +87,8 @@ ENDLESS = PLACES[COMPACTION].high
 """A count at which nothing is left of what it acts on."""
 RESTED = 5.0
 """So many times the time in which air comes to rest a start runs, before it is looked at."""
+WAITING_RTOL = 1e-7
+"""For what a rig runs before it is looked at."""
 PEAK_RTOL = 1e-11
 """For runs that are sampled: the samples are then read off a polynomial through each step."""
 PEAK_SPACING = 0.02
@@ -319,6 +321,10 @@ class Section:
         """The place so many excitation periods on."""
         return self.run(place, periods * self.duration, 1.0, self.samples(0))[0]
 
+    def waited(self, place: Place, periods: int) -> Place:
+        """The same to a looser tolerance, where what comes next forgets."""
+        return self.run(place, periods * self.duration, 1.0, self.samples(0), WAITING_RTOL, False)[0]
+
     def follow_angles(self, place: Place) -> None:
         """Find out after how many periods all angles come back that terms from outside turn."""
         self._close_after((self.after(place, 1).z - place.z)[self.angles])
@@ -329,7 +335,7 @@ class Section:
             return place
         done, step = 0, min(LONGEST_PERIOD, patience)
         while done < patience and place.d[COUNT] < self.goal:
-            place = self.after(place, step)
+            place = self.waited(place, step)
             done += step
         # the contact going on keeps the count that it began with, so the force does not jump
         place.d[COUNT] = ENDLESS
@@ -383,7 +389,7 @@ def settle_on(section: Section, place: Place, wait: int, patience: int) -> Settl
     """
     longest = MORE_PATIENCE * patience
     place = section.counted_out(place, patience)
-    place = section.after(place, min(math.ceil(section.rest / section.duration), longest))
+    place = section.waited(place, min(math.ceil(section.rest / section.duration), longest))
     if section.angles:
         section.follow_angles(place)
     found = _find(section, place, wait, patience)
@@ -396,7 +402,7 @@ def _find(section: Section, place: Place, wait: int, patience: int) -> Settled:
     """As ``find_motion`` of orbits.py, among the periods after which a motion can close."""
     done, target = 0, wait
     while done < patience:
-        first = section.after(place, target)
+        first = section.waited(place, target)
         place, track = first, [section.point(first, regime_of(first))]
         for _ in range(LONGEST_PERIOD):
             place = section.after(place, 1)
