@@ -69,7 +69,7 @@ from drillenv.rocks import Rock
 
 RTOL = 1e-7
 """Relative error tolerated a step. Twenty periods are then good to 1e-5 and better where the motion is not chaotic."""
-(OUTWARD,) = constants(UNLOADING)
+OUTWARD, NONE = constants(UNLOADING, 0)
 _NODES, _WEIGHTS = (part.copy() for part in np.polynomial.legendre.leggauss(32))
 
 
@@ -168,8 +168,9 @@ def drill(plants: Plants, i: int, m, d, z, setting, sums, peaks, window, rtol: f
     face, sprung = depth_of_face(m, d, z[V.W]), sprung_energy(m, d, z[V.W])
     # as in plant.drill: an even number of whole periods, up to the end of the interval
     cycles = 2 * int(0.5 * INTERVAL * frequency)
-    first, spacing, index, samples = INTERVAL - cycles / frequency, 1.0 / (frequency * SAMPLES), 0, cycles * SAMPLES
-    column, now, step, steps = 0, 0.0, 0, round(INTERVAL / SUBSTEP)
+    first, spacing, samples = INTERVAL - cycles / frequency, 1.0 / (frequency * SAMPLES), cycles * SAMPLES
+    index, column = NONE, NONE
+    now, step, steps = 0.0, 0, round(INTERVAL / SUBSTEP)
     while step < steps:
         pressure = memory[PRESSURE]
         if abs(pressure - valve) <= SETTLED:

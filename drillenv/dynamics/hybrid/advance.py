@@ -92,7 +92,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     below_of,
     corner_at,
     law_at,
-    rates_apart,
+    rates,
     set_below,
 )
 
@@ -160,7 +160,7 @@ def set_cut(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray):
     """Say whether the rock would pull at the state z."""
     d[CUT] = 0.0
     if int(d[REGIME]) != FREE and m[PULLS] > 0.0:
-        rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+        rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
         d[CUT] = 1.0 if scratch[PUSH, WHOLE] < -NO_FORCE * (m[F_A] + m[F_B]) else 0.0
 
 
@@ -172,12 +172,12 @@ def prepare(m: np.ndarray, d: np.ndarray, z: np.ndarray, begins: bool, scratch: 
     """
     apart()
     scratch[FLAGS, STANDING] = 0.0
-    rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+    rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
     set_corners(m, d, z, scratch[BEGIN_SLOPE], NO)
     set_cut(m, d, z, scratch)
     if begins:
         start_sliding(m, d, z, scratch)
-    return rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+    return rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
 
 
 @njit(**INNER)
@@ -186,13 +186,13 @@ def enter(m: np.ndarray, d: np.ndarray, z: np.ndarray, after: int, scratch: np.n
     apart()
     if int(d[REGIME]) == ON_LOADING and after == ON_UNLOADING:
         stand_on_face(m, d, z)
-        rock = rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+        rock = rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
         d[PEAK], d[IMPACT_DEPTH] = max(d[PEAK], rock), z[W]
     else:
         d[PEAK] = 0.0
     change_contact(m, d, after, z)
     if m[LAWS] > 0.0 or m[PULLS] > 0.0:
-        rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+        rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
         set_corners(m, d, z, scratch[BEGIN_SLOPE], YES)
         set_cut(m, d, z, scratch)
 
@@ -221,7 +221,7 @@ def let_through(m: np.ndarray, d: np.ndarray, z: np.ndarray, code: int, scratch:
         settle_grips(m, d, z, mass, scratch)
     if after >= 0 and after != before:
         enter(m, d, z, after, scratch)
-    rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+    rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
 
 
 @njit(**INNER)
@@ -269,7 +269,7 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
     after = standing_switch(d, z, scratch[BEGIN_SLOPE])
     if after != int(d[REGIME]):
         enter(m, d, z, after, scratch)
-        rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+        rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
         return WENT_ON, 0.0
     if left <= 0.0:
         return WENT_ON, 0.0
@@ -297,7 +297,7 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
     if code != NOTHING:
         let_through(m, d, z, code, scratch)
     elif at_phase_corner:
-        rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+        rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
     else:
         copy(scratch[STAGES], scratch[BEGIN_SLOPE])
     return WENT_ON, s
@@ -320,4 +320,4 @@ def read_state(m: np.ndarray, s: float, exact: bool, scratch: np.ndarray) -> flo
         follow(m, d, length, scratch)
         scratch[FLAGS, READY] = 1.0
     inside(int(m[TALLY]), s / length, scratch, SPARE)
-    return rates_apart(m, d, s, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+    return rates(m, d, s, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])

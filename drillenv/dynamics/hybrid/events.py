@@ -80,7 +80,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     law_at,
     law_depth,
     law_force,
-    rates_apart,
+    rates,
     set_below,
     value_at,
 )
@@ -145,7 +145,7 @@ def guard(m: np.ndarray, d: np.ndarray, code: int, shift: float, row: int, scrat
         return -d[SLIDE1 + mass] * z[V1 + mass]
     if code < CORNER:
         mass = (code - BREAKING_UP) % 2
-        rates_apart(m, d, shift, z, scratch[SPARE_SLOPE], scratch[PUSH])
+        rates(m, d, shift, z, scratch[SPARE_SLOPE], scratch[PUSH])
         if code == CUTTING:
             return scratch[PUSH, WHOLE] * (1.0 if d[CUT] != 0.0 else -1.0)
         sign = 1.0 if code < BREAKING_DOWN else -1.0
@@ -517,7 +517,7 @@ def settle_grips(m: np.ndarray, d: np.ndarray, z: np.ndarray, stopped: int, scra
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and (mass == stopped or d[SLIDE1 + mass] * z[V1 + mass] <= 0.0):
             z[V1 + mass] = 0.0
-    rates_apart(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+    rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and z[V1 + mass] == 0.0:
             force = scratch[PUSH, PUSHED + mass]
@@ -550,10 +550,10 @@ def highest_force(m: np.ndarray, d: np.ndarray, h: float, s: float, ready: bool,
     for turn in range(12):
         at = s if turn == 0 else (low * fall - high * rise) / (fall - rise)
         inside(int(m[TALLY]), at / h, scratch, SPARE)
-        force = rates_apart(m, d, at, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+        force = rates(m, d, at, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
         for i in range(int(m[TALLY])):
             scratch[SPARE, i] += DELTA * h * scratch[SPARE_SLOPE, i]
-        after = rates_apart(m, d, at + DELTA * h, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+        after = rates(m, d, at + DELTA * h, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
         rate = (after - force) / (DELTA * h)
         best = max(best, force)
         if turn == 0 and rate >= 0.0:

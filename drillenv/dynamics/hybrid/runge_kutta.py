@@ -23,7 +23,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     TALLY,
     Model,
     rates,
-    rates_apart,
 )
 
 # Dormand-Prince 8(5,3), from E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
@@ -228,7 +227,7 @@ def step(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray) -> float:
     for stage in range(1, STAGES + 1):
         # energies enter nothing, so they are counted only in the end
         row = INNER_STATE if stage < STAGES else END
-        add_up(stage, h, 0, moving, row, scratch)
+        add_up(stage, h, FIRST_SLOPE, moving, row, scratch)
         if stage == STAGES:
             add_up(stage, h, tally, whole, row, scratch)
         rock = rates(m, d, h * NODES[stage], scratch[row], scratch[stage], scratch[PUSH])
@@ -311,7 +310,7 @@ def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
                     + B[2][7] * y[14, i]
                 )
             y[INNER_STATE, i] = y[BEGIN, i] + h * more
-        rates_apart(m, d, h * EXTRA_NODES[stage], y[INNER_STATE], y[STAGES + 1 + stage], y[PUSH])
+        rates(m, d, h * EXTRA_NODES[stage], y[INNER_STATE], y[STAGES + 1 + stage], y[PUSH])
     for j in range(moving + 4 + int(m[EFFECTS])):
         i = j if j < moving else j - moving + tally
         change = y[END, i] - y[BEGIN, i]

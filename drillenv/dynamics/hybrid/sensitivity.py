@@ -37,6 +37,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN_D,
     BEGIN_SLOPE,
     END,
+    FIRST_SLOPE,
     INNER_STATE,
     NODES,
     PUSH,
@@ -78,7 +79,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     law_at,
     law_force,
     look,
-    rates_apart,
+    rates,
     shape_argument,
     shape_scale,
     stiffness,
@@ -171,7 +172,7 @@ def jacobian_by_differences(m, d, shift, z, j, scratch):
         for way in range(2):
             copy(z, scratch[SPARE])
             scratch[SPARE, b] += step if way == 0 else -step
-            rates_apart(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+            rates(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
             for a in range(n):
                 slope = scratch[SPARE_SLOPE, a] / (2.0 * step)
                 j[a, b] = slope if way == 0 else j[a, b] - slope
@@ -189,20 +190,20 @@ def vary_step(m: np.ndarray, h: float, j: np.ndarray, columns: np.ndarray, scrat
         if stage == 0:
             copy(scratch[BEGIN], scratch[INNER_STATE])
         else:
-            add_up(stage, h, 0, n, INNER_STATE, scratch)
+            add_up(stage, h, FIRST_SLOPE, n, INNER_STATE, scratch)
         jacobian(m, d, h * NODES[stage], scratch[INNER_STATE], j, scratch)
         for c in range(columns.shape[0]):
             own = columns[c]
             state = BEGIN if stage == 0 else INNER_STATE
             if stage > 0:
-                add_up(stage, h, 0, n, INNER_STATE, own)
+                add_up(stage, h, FIRST_SLOPE, n, INNER_STATE, own)
             for a in range(n):
                 total = 0.0
                 for b in range(n):
                     total += j[a, b] * own[state, b]
                 own[stage, a] = total
     for c in range(columns.shape[0]):
-        add_up(STAGES, h, 0, n, END, columns[c])
+        add_up(STAGES, h, FIRST_SLOPE, n, END, columns[c])
         copy(columns[c, END], columns[c, BEGIN])
 
 

@@ -350,12 +350,13 @@ def argument_size(m: np.ndarray, d: np.ndarray, law: int) -> float:
     return m[sizes + U] if place == MOUNT_SPRING else m[sizes + V2]
 
 
-@njit(**INLINED)
+@njit(**INNER)
 def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
     """Write the time derivative of the state z, ``shift`` s after the discrete state d, to dz; return the rock's force.
 
     The forces on both masses without dry friction, which it must hold where they stick, are left in ``push``.
     """
+    apart()
     s, tally = m, int(m[TALLY])
     v1, v2, regime = z[V1], z[V2], int(d[REGIME])
     closing, into, theta = v1 - v2, v2 - z[UD], d[THETA] + s[OMEGA] * shift
@@ -460,13 +461,6 @@ def rub(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray):
             slide = d[SLIDE1 + mass]
             dz[V1 + mass] = 0.0 if slide == 0.0 else dz[V1 + mass] - slide * limit / m[M1 + mass]
             dz[int(m[TALLY]) + BY_EFFECTS + int(m[BY_GRIP1 + mass])] -= slide * limit * z[V1 + mass]
-
-
-@njit(**INNER)
-def rates_apart(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
-    """As :func:`rates`, for what does not call it all the time."""
-    apart()
-    return rates(m, d, shift, z, dz, push)
 
 
 @njit(**INNER)
