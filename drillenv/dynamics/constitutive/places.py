@@ -3,13 +3,14 @@
     m1 v1' = F_b - S - coupling - guide + shaker's vibration
     m2 v2' = drive + coupling - R - indenter + indenter's vibration
     coupling = k y + c y' + f(y) + f(y - F_b / k) + f(y')
-    drive    = F_a (sin(theta) / sqrt(1 + (f s)^2) + f(theta)) + f(F_a sin(theta))
-    R        = max(R_law (1 + f(V)) + f(V), 0) in contact, R_law = k N(shape), k = k_l or k_u times every factor
+    drive    = F_a (sin(theta) / sqrt(1 + (n s)^2) + f(theta)) + f(F_a sin(theta))
+    R        = max(R_law (1 + f(V)) + f(V), 0) in contact, R_law = k N(x), k = k_l or k_u times every factor
     u''      = g R - q u - d u' - f(u) - f(u')
 
-with f the laws at their places, y = X1 - X2, V = v2 - u' the speed into the rock, S' = k_a v1 - r S what the cylinder
-has lost, u the displacement of a rock on a mount. A law depends on its argument and its own parameters, and on the
-coupling's stiffness k; never on k_l, k_u or the excitation, which change while a rig drills.
+with f the laws at their places and N the shape of the contact over the depth x; y = X1 - X2; V = v2 - u' the speed into
+the rock, u the displacement of a rock on a mount; S' = k_a v1 - r S what the cylinder has lost; n the frequency of the
+excitation in Hz. A law depends on its argument, on its own parameters and on the coupling's stiffness k; never on k_l,
+k_u or the excitation, which change while a rig drills.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ A guard is a function of the state that is negative in the present regime and ri
 contact, of a mass that slides or sticks, of a law at a corner. A trial step is taken without regard to guards. One
 whose cubic (the quintic, for the landing) through values and slopes at both ends stays clear of zero by its Bernstein
 coefficients is passed over; the others are searched on the polynomial inside the step, also for maxima that only just
-reach zero. The first crossing ends the step. By the reference pair the step is then taken again with that length and
-corrected by Newton's method, so that the state at an event has the full order.
+reach zero. The first crossing ends the step. In an exact run the step is then taken again with that length and
+corrected by Newton's method, so that the state at an event has the full order; otherwise it is read off the polynomial.
 """
 
 from __future__ import annotations

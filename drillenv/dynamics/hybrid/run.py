@@ -197,7 +197,8 @@ def integrate(
     """Run for ``seconds`` from the state (d, z), which is left at the end.
 
     Args:
-        exact, model, d, z: The pair (``REFERENCE`` or ``FAST``), the model and the state.
+        exact: Whether events and samples are steps of their own, see :func:`is_exact`.
+        model, d, z: The model and the state.
         begins: Whether the motion does.
         seconds, rate: How long, and samples a second, the first now.
         samples: (samples, SAMPLE_COLUMNS + extras), filled.
