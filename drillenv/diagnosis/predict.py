@@ -21,29 +21,29 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.constitutive.places import (
+    COMPACTION,
+    DAMPER,
+    DRIVE,
+    GUIDE,
+    INDENTER,
+    LOADING,
+    MOUNT_DAMPER,
+    MOUNT_SPRING,
+    RATE_FACTOR,
+    RATE_FORCE,
+    SPRING,
+    SPRING_FROM_REST,
+    UNLOADING,
+    WAVEFORM,
+)
+
 # States
 Y, V1, V2, W, U, UD, Q = range(7)
 STATES = 7
 STATE_NAMES = ("y", "v1", "v2", "w", "u", "u'", "q")
 
-# Places of curves
-(
-    LOADING,
-    UNLOADING,
-    RATE_FACTOR,
-    RATE_FORCE,
-    COMPACTION,
-    SPRING,
-    SPRING_FROM_REST,
-    DAMPER,
-    GUIDE,
-    INDENTER,
-    WAVEFORM,
-    DRIVE,
-    MOUNT_SPRING,
-    MOUNT_DAMPER,
-) = range(14)
-PLACES = 14
+PLACES = MOUNT_DAMPER + 1
 GRID = 641
 """Points of a table."""
 MARGIN = 160.0

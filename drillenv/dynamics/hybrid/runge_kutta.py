@@ -124,6 +124,7 @@ def copy(source: np.ndarray, target: np.ndarray):
         target[i] = source[i]
 
 
+# fmt: off
 @njit(**INNER)
 def add_up(stage: int, h: float, first: int, last: int, row: int, y: np.ndarray):
     """States from ``first`` to ``last`` where a stage takes its slope, or those at the step's end, to a row."""
@@ -145,72 +146,35 @@ def add_up(stage: int, h: float, first: int, last: int, row: int, y: np.ndarray)
             y[row, i] = y[BEGIN, i] + h * (A[4][0] * y[0, i] + A[4][1] * y[3, i] + A[4][2] * y[4, i])
     elif stage == 6:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[5][0] * y[0, i] + A[5][1] * y[3, i] + A[5][2] * y[4, i] + A[5][3] * y[5, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[5][0] * y[0, i] + A[5][1] * y[3, i] + A[5][2] * y[4, i]
+                + A[5][3] * y[5, i])
     elif stage == 7:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[6][0] * y[0, i] + A[6][1] * y[3, i] + A[6][2] * y[4, i] + A[6][3] * y[5, i] + A[6][4] * y[6, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[6][0] * y[0, i] + A[6][1] * y[3, i] + A[6][2] * y[4, i]
+                + A[6][3] * y[5, i] + A[6][4] * y[6, i])
     elif stage == 8:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[7][0] * y[0, i]
-                + A[7][1] * y[3, i]
-                + A[7][2] * y[4, i]
-                + A[7][3] * y[5, i]
-                + A[7][4] * y[6, i]
-                + A[7][5] * y[7, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[7][0] * y[0, i] + A[7][1] * y[3, i] + A[7][2] * y[4, i]
+                + A[7][3] * y[5, i] + A[7][4] * y[6, i] + A[7][5] * y[7, i])
     elif stage == 9:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[8][0] * y[0, i]
-                + A[8][1] * y[3, i]
-                + A[8][2] * y[4, i]
-                + A[8][3] * y[5, i]
-                + A[8][4] * y[6, i]
-                + A[8][5] * y[7, i]
-                + A[8][6] * y[8, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[8][0] * y[0, i] + A[8][1] * y[3, i] + A[8][2] * y[4, i]
+                + A[8][3] * y[5, i] + A[8][4] * y[6, i] + A[8][5] * y[7, i] + A[8][6] * y[8, i])
     elif stage == 10:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[9][0] * y[0, i]
-                + A[9][1] * y[3, i]
-                + A[9][2] * y[4, i]
-                + A[9][3] * y[5, i]
-                + A[9][4] * y[6, i]
-                + A[9][5] * y[7, i]
-                + A[9][6] * y[8, i]
-                + A[9][7] * y[9, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[9][0] * y[0, i] + A[9][1] * y[3, i] + A[9][2] * y[4, i]
+                + A[9][3] * y[5, i] + A[9][4] * y[6, i] + A[9][5] * y[7, i] + A[9][6] * y[8, i] + A[9][7] * y[9, i])
     elif stage == 11:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[10][0] * y[0, i]
-                + A[10][1] * y[3, i]
-                + A[10][2] * y[4, i]
-                + A[10][3] * y[5, i]
-                + A[10][4] * y[6, i]
-                + A[10][5] * y[7, i]
-                + A[10][6] * y[8, i]
-                + A[10][7] * y[9, i]
-                + A[10][8] * y[10, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[10][0] * y[0, i] + A[10][1] * y[3, i] + A[10][2] * y[4, i]
+                + A[10][3] * y[5, i] + A[10][4] * y[6, i] + A[10][5] * y[7, i] + A[10][6] * y[8, i]
+                + A[10][7] * y[9, i] + A[10][8] * y[10, i])
     else:
         for i in range(first, last):
-            y[row, i] = y[BEGIN, i] + h * (
-                A[11][0] * y[0, i]
-                + A[11][1] * y[5, i]
-                + A[11][2] * y[6, i]
-                + A[11][3] * y[7, i]
-                + A[11][4] * y[8, i]
-                + A[11][5] * y[9, i]
-                + A[11][6] * y[10, i]
-                + A[11][7] * y[11, i]
-            )
+            y[row, i] = y[BEGIN, i] + h * (A[11][0] * y[0, i] + A[11][1] * y[5, i] + A[11][2] * y[6, i]
+                + A[11][3] * y[7, i] + A[11][4] * y[8, i] + A[11][5] * y[9, i] + A[11][6] * y[10, i]
+                + A[11][7] * y[11, i])
+# fmt: on
 
 
 @njit(**INNER)
@@ -234,6 +198,7 @@ def step(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray) -> float:
     return rock
 
 
+# fmt: off
 @njit(**INNER)
 def step_error(m: np.ndarray, h: float, rtol: float, scratch: np.ndarray) -> float:
     """Error of the step last taken over what is tolerated; at most 1 is good.
@@ -242,26 +207,10 @@ def step_error(m: np.ndarray, h: float, rtol: float, scratch: np.ndarray) -> flo
     """
     y, sizes, one, two = scratch, int(m[SIZES_AT]), 0.0, 0.0
     for i in range(int(m[MOVING])):
-        fifth = (
-            E5[0] * y[0, i]
-            + E5[1] * y[5, i]
-            + E5[2] * y[6, i]
-            + E5[3] * y[7, i]
-            + E5[4] * y[8, i]
-            + E5[5] * y[9, i]
-            + E5[6] * y[10, i]
-            + E5[7] * y[11, i]
-        )
-        third = (
-            E3[0] * y[0, i]
-            + E3[1] * y[5, i]
-            + E3[2] * y[6, i]
-            + E3[3] * y[7, i]
-            + E3[4] * y[8, i]
-            + E3[5] * y[9, i]
-            + E3[6] * y[10, i]
-            + E3[7] * y[11, i]
-        )
+        fifth = (E5[0] * y[0, i] + E5[1] * y[5, i] + E5[2] * y[6, i] + E5[3] * y[7, i] + E5[4] * y[8, i]
+            + E5[5] * y[9, i] + E5[6] * y[10, i] + E5[7] * y[11, i])
+        third = (E3[0] * y[0, i] + E3[1] * y[5, i] + E3[2] * y[6, i] + E3[3] * y[7, i] + E3[4] * y[8, i]
+            + E3[5] * y[9, i] + E3[6] * y[10, i] + E3[7] * y[11, i])
         scale = rtol * (m[sizes + i] + max(abs(y[BEGIN, i]), abs(y[END, i])))
         if not (abs(fifth) < math.inf and abs(third) < math.inf):
             return math.inf
@@ -277,38 +226,14 @@ def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
     for stage in range(3):
         for i in range(moving):
             if stage == 0:
-                more = (
-                    B[0][0] * y[0, i]
-                    + B[0][1] * y[6, i]
-                    + B[0][2] * y[7, i]
-                    + B[0][3] * y[8, i]
-                    + B[0][4] * y[9, i]
-                    + B[0][5] * y[10, i]
-                    + B[0][6] * y[11, i]
-                    + B[0][7] * y[12, i]
-                )
+                more = (B[0][0] * y[0, i] + B[0][1] * y[6, i] + B[0][2] * y[7, i] + B[0][3] * y[8, i]
+                    + B[0][4] * y[9, i] + B[0][5] * y[10, i] + B[0][6] * y[11, i] + B[0][7] * y[12, i])
             elif stage == 1:
-                more = (
-                    B[1][0] * y[0, i]
-                    + B[1][1] * y[5, i]
-                    + B[1][2] * y[6, i]
-                    + B[1][3] * y[7, i]
-                    + B[1][4] * y[10, i]
-                    + B[1][5] * y[11, i]
-                    + B[1][6] * y[12, i]
-                    + B[1][7] * y[13, i]
-                )
+                more = (B[1][0] * y[0, i] + B[1][1] * y[5, i] + B[1][2] * y[6, i] + B[1][3] * y[7, i]
+                    + B[1][4] * y[10, i] + B[1][5] * y[11, i] + B[1][6] * y[12, i] + B[1][7] * y[13, i])
             else:
-                more = (
-                    B[2][0] * y[0, i]
-                    + B[2][1] * y[5, i]
-                    + B[2][2] * y[6, i]
-                    + B[2][3] * y[7, i]
-                    + B[2][4] * y[8, i]
-                    + B[2][5] * y[12, i]
-                    + B[2][6] * y[13, i]
-                    + B[2][7] * y[14, i]
-                )
+                more = (B[2][0] * y[0, i] + B[2][1] * y[5, i] + B[2][2] * y[6, i] + B[2][3] * y[7, i]
+                    + B[2][4] * y[8, i] + B[2][5] * y[12, i] + B[2][6] * y[13, i] + B[2][7] * y[14, i])
             y[INNER_STATE, i] = y[BEGIN, i] + h * more
         rates(m, d, h * EXTRA_NODES[stage], y[INNER_STATE], y[STAGES + 1 + stage], y[PUSH])
     for j in range(moving + 4 + int(m[EFFECTS])):
@@ -317,62 +242,19 @@ def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
         y[WAY, i] = change
         y[WAY + 1, i] = h * y[0, i] - change
         y[WAY + 2, i] = 2.0 * change - h * (y[STAGES, i] + y[0, i])
-        y[WAY + 3, i] = h * (
-            C[0][0] * y[0, i]
-            + C[0][1] * y[5, i]
-            + C[0][2] * y[6, i]
-            + C[0][3] * y[7, i]
-            + C[0][4] * y[8, i]
-            + C[0][5] * y[9, i]
-            + C[0][6] * y[10, i]
-            + C[0][7] * y[11, i]
-            + C[0][8] * y[12, i]
-            + C[0][9] * y[13, i]
-            + C[0][10] * y[14, i]
-            + C[0][11] * y[15, i]
-        )
-        y[WAY + 4, i] = h * (
-            C[1][0] * y[0, i]
-            + C[1][1] * y[5, i]
-            + C[1][2] * y[6, i]
-            + C[1][3] * y[7, i]
-            + C[1][4] * y[8, i]
-            + C[1][5] * y[9, i]
-            + C[1][6] * y[10, i]
-            + C[1][7] * y[11, i]
-            + C[1][8] * y[12, i]
-            + C[1][9] * y[13, i]
-            + C[1][10] * y[14, i]
-            + C[1][11] * y[15, i]
-        )
-        y[WAY + 5, i] = h * (
-            C[2][0] * y[0, i]
-            + C[2][1] * y[5, i]
-            + C[2][2] * y[6, i]
-            + C[2][3] * y[7, i]
-            + C[2][4] * y[8, i]
-            + C[2][5] * y[9, i]
-            + C[2][6] * y[10, i]
-            + C[2][7] * y[11, i]
-            + C[2][8] * y[12, i]
-            + C[2][9] * y[13, i]
-            + C[2][10] * y[14, i]
-            + C[2][11] * y[15, i]
-        )
-        y[WAY + 6, i] = h * (
-            C[3][0] * y[0, i]
-            + C[3][1] * y[5, i]
-            + C[3][2] * y[6, i]
-            + C[3][3] * y[7, i]
-            + C[3][4] * y[8, i]
-            + C[3][5] * y[9, i]
-            + C[3][6] * y[10, i]
-            + C[3][7] * y[11, i]
-            + C[3][8] * y[12, i]
-            + C[3][9] * y[13, i]
-            + C[3][10] * y[14, i]
-            + C[3][11] * y[15, i]
-        )
+        y[WAY + 3, i] = h * (C[0][0] * y[0, i] + C[0][1] * y[5, i] + C[0][2] * y[6, i] + C[0][3] * y[7, i]
+            + C[0][4] * y[8, i] + C[0][5] * y[9, i] + C[0][6] * y[10, i] + C[0][7] * y[11, i] + C[0][8] * y[12, i]
+            + C[0][9] * y[13, i] + C[0][10] * y[14, i] + C[0][11] * y[15, i])
+        y[WAY + 4, i] = h * (C[1][0] * y[0, i] + C[1][1] * y[5, i] + C[1][2] * y[6, i] + C[1][3] * y[7, i]
+            + C[1][4] * y[8, i] + C[1][5] * y[9, i] + C[1][6] * y[10, i] + C[1][7] * y[11, i] + C[1][8] * y[12, i]
+            + C[1][9] * y[13, i] + C[1][10] * y[14, i] + C[1][11] * y[15, i])
+        y[WAY + 5, i] = h * (C[2][0] * y[0, i] + C[2][1] * y[5, i] + C[2][2] * y[6, i] + C[2][3] * y[7, i]
+            + C[2][4] * y[8, i] + C[2][5] * y[9, i] + C[2][6] * y[10, i] + C[2][7] * y[11, i] + C[2][8] * y[12, i]
+            + C[2][9] * y[13, i] + C[2][10] * y[14, i] + C[2][11] * y[15, i])
+        y[WAY + 6, i] = h * (C[3][0] * y[0, i] + C[3][1] * y[5, i] + C[3][2] * y[6, i] + C[3][3] * y[7, i]
+            + C[3][4] * y[8, i] + C[3][5] * y[9, i] + C[3][6] * y[10, i] + C[3][7] * y[11, i] + C[3][8] * y[12, i]
+            + C[3][9] * y[13, i] + C[3][10] * y[14, i] + C[3][11] * y[15, i])
+# fmt: on
 
 
 @njit(**INNER)
