@@ -31,11 +31,11 @@ from drillenv.dynamics.constitutive.places import COMPACTION, PLACES
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import TURN
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING, make_model
-from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON
+from drillenv.dynamics.hybrid.advance import WENT_ON
 from drillenv.dynamics.hybrid.compiled import YES
 from drillenv.dynamics.hybrid.events import set_corners
 from drillenv.dynamics.hybrid.model import Motion, Start, extra_places, fresh_motion, model_for, motion_at, start_at
-from drillenv.dynamics.hybrid.run import RATES, SAMPLE_COLUMNS, integrate
+from drillenv.dynamics.hybrid.run import RATES, SAMPLE_COLUMNS, integrate, lost_by
 from drillenv.dynamics.hybrid.runge_kutta import BEGIN, FLAGS, SPARE_SLOPE, STANDING, make_scratch
 from drillenv.dynamics.hybrid.sensitivity import VARIED, law_slope, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
@@ -310,8 +310,7 @@ class Section:
     @staticmethod
     def _check(status: int, now: float) -> None:
         if status != WENT_ON:
-            why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
-            raise InputError(f"the motion {why} at {now:g} s: make the effects weaker")
+            raise InputError(f"the motion {lost_by(status)} at {now:g} s: make the effects weaker")
 
     def samples(self, count: int) -> np.ndarray:
         """Room for so many samples."""

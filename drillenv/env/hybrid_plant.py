@@ -25,11 +25,11 @@ from drillenv.dynamics.exact import ORIGIN, REGIME, THETA, TURNS, set_phase
 from drillenv.dynamics.flow import AMPLITUDE, FREE, KERNEL, LOADING, STATIC, STIFFNESS, UNLOADING
 from drillenv.dynamics.flow import OMEGA as ROW_OMEGA
 from drillenv.dynamics.hybrid import vector_field as V
-from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON, advance, prepare, read_state
+from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare, read_state
 from drillenv.dynamics.hybrid.compiled import NO, YES, constants
 from drillenv.dynamics.hybrid.events import set_factor, shift_origin
 from drillenv.dynamics.hybrid.model import LONGEST_SHARE, Motion, fresh_motion, model_for
-from drillenv.dynamics.hybrid.run import depth_of_face
+from drillenv.dynamics.hybrid.run import depth_of_face, lost_by
 from drillenv.dynamics.hybrid.runge_kutta import BEGIN_D, SPARE, SPARE_SLOPE, make_scratch
 from drillenv.dynamics.hybrid.vector_field import IN_ROCK, TALLY, law_depth, law_force
 from drillenv.env.episodes import START
@@ -288,9 +288,8 @@ class HybridPlant:
         d, z = self.motion
         status = drill(self.plants, self.i, self.model.flat, d, z, setting, sums, peaks, window, RTOL, self.scratch)
         if status != WENT_ON:
-            why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
             raise InputError(
-                f"the motion {why} with the effects {shown(self.effects)} at {Setting(*setting.tolist())}: "
+                f"the motion {lost_by(status)} with the effects {shown(self.effects)} at {Setting(*setting.tolist())}: "
                 "make them weaker"
             )
 

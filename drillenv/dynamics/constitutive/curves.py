@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from drillenv.checks import InputError, choice, number, shown
-from drillenv.dynamics.constitutive.tables import Table, cubic_table, tabulate
+from drillenv.dynamics.constitutive.tables import Table, cubic_table, tabulate, toward_zero
 
 Floats = NDArray[np.float64]
 Beyond = Literal["held", "straight"]
@@ -173,4 +173,5 @@ def table_of_tangents(curve: Curve, high: float) -> Table:
             there = there - (over(begin, there) - (x - reach[at])) * factor_at(there)
         return np.where(x > reach[-1], last + (x - reach[-1]) * factor_at(np.array(last)), there)
 
-    return tabulate(force_at, 0.0, high, [float(np.interp(each, force, reach)) for each in curve.x])
+    corners = [float(np.interp(each, force, reach)) for each in curve.x]
+    return tabulate(force_at, 0.0, high, [*corners, *toward_zero(high)])

@@ -75,6 +75,11 @@ def tabulate(law: Callable[[Floats], Floats], low: float, high: float, knots: It
     raise ValueError(f"it has more than {MOST_CORNERS} corners from {low:g} to {high:g}")
 
 
+def toward_zero(high: float) -> list[float]:
+    """Knots that come close to 0: a contact is followed from next to no depth on, with the digits of its own size."""
+    return [high * 0.25**k for k in range(1, 21)]
+
+
 def _refined(law: Callable[[Floats], Floats], edges: Floats) -> tuple[Floats, Floats, Floats]:
     """Knots and pieces between edges; and corners inside, if any, where halving has not ended."""
     span, largest = edges[-1] - edges[0], 0.0

@@ -64,15 +64,18 @@ SOURCE = (
     "constitutive, as measured; between its knots F. N. Fritsch and R. E. Carlson, Monotone piecewise cubic "
     "interpolation, SIAM Journal on Numerical Analysis 17 (1980) 238-246, doi:10.1137/0717021"
 )
-FORCE, SPEED = ("N", "m/s")
+
+
+_TANGENT = ("force of the rock", "N", "factor on the rock's stiffness at that force", "1")
+"""What a contact's curve is over and what it gives; at other places these are the place's own words."""
 
 
 def _effect(
-    place: str, sentence: str, equation: str, balance, energy, quantity: tuple[str, str, str, str],
-    table: Callable[[Curve], Table] | None = None, **more,
-) -> Effect:  # fmt: skip
-    """The effect of a place; ``quantity`` says what a curve is over and what it gives, with their units."""
-    contact = place in ("loading", "unloading")
+    place: str, sentence: str, equation: str, balance, energy, table: Callable[[Curve], Table] | None = None, **more
+) -> Effect:
+    """The effect of a place."""
+    there, contact = PLACES[CODE[place]], place in ("loading", "unloading")
+    quantity = _TANGENT if contact else (there.argument, there.argument_unit, there.quantity, there.unit)
     bounds = {"loading": (1.0, 1e-3, 1e3), "unloading": (1.0, 1e-3, 1e3), "compaction": (0.0, -0.99, 1e3)}
     return Effect(
         name=f"tabulated-{place}",
@@ -94,8 +97,6 @@ def _effect(
     )
 
 
-_STIFFER = "factor on the rock's stiffness at that force"
-
 EFFECTS = (
     _effect(
         "loading",
@@ -103,7 +104,6 @@ EFFECTS = (
         "dR/d(X2 - Xp) = k_l f(R), loading",
         "contact",
         "none",
-        ("force of the rock", FORCE, _STIFFER, "1"),
         _tangents,
     ),
     _effect(
@@ -112,7 +112,6 @@ EFFECTS = (
         "dR/d(X2 - Xf) = k_u f(R), unloading",
         "contact",
         "none",
-        ("force of the rock", FORCE, _STIFFER, "1"),
         _tangents,
     ),
     _effect(
@@ -121,7 +120,6 @@ EFFECTS = (
         "R = R_law (1 + f(V)), V the speed into the rock, R never below 0",
         "contact",
         "moves",
-        ("speed into the rock", SPEED, "what the rock's force grows by, over that of the rock law", "1"),
     ),
     _effect(
         "rate-force",
@@ -129,7 +127,6 @@ EFFECTS = (
         "R = R_law + f(V), V the speed into the rock, R never below 0",
         "contact",
         "moves",
-        ("speed into the rock", SPEED, "force of the rock beyond that of the rock law", FORCE),
     ),
     _effect(
         "compaction",
@@ -137,7 +134,6 @@ EFFECTS = (
         "k_l and k_u times 1 + f(N), N the impacts on this face before the contact began",
         "contact",
         "none",
-        ("impacts on a fresh face", "1", "factor on k_l and k_u, less 1", "1"),
         _impacts,
         counted=_last_impacts,
         extras=(
@@ -151,7 +147,6 @@ EFFECTS = (
         "coupling force + f(X1 - X2)",
         "indenter",
         "stores",
-        ("shortening of the coupling, X1 - X2", "m", "force of the coupling beyond k, c", FORCE),
     ),
     _effect(
         "spring-from-rest",
@@ -159,7 +154,6 @@ EFFECTS = (
         "coupling force + f(X1 - X2 - F_b / k)",
         "indenter",
         "stores",
-        ("shortening of the coupling beyond that at rest", "m", "force of the coupling beyond k, c", FORCE),
     ),
     _effect(
         "damper",
@@ -167,7 +161,6 @@ EFFECTS = (
         "coupling force + f(X1' - X2')",
         "indenter",
         "moves",
-        ("closing speed of the coupling, X1' - X2'", SPEED, "force of the coupling beyond k, c", FORCE),
     ),
     _effect(
         "guide",
@@ -175,7 +168,6 @@ EFFECTS = (
         "force -f(X1') on the shaker body",
         "shaker",
         "moves",
-        ("speed of the shaker body", SPEED, "force against the motion of the shaker body", FORCE),
     ),
     _effect(
         "indenter",
@@ -183,7 +175,6 @@ EFFECTS = (
         "force -f(X2') on the indenter",
         "indenter",
         "moves",
-        ("speed of the indenter", SPEED, "force against the motion of the indenter", FORCE),
     ),
     _effect(
         "drive-waveform",
@@ -191,7 +182,6 @@ EFFECTS = (
         "drive force + F_a f(theta), of period 2 pi",
         "indenter",
         "moves",
-        ("phase of the excitation", "rad", "force of the drive beyond its sine, over F_a", "1"),
         _phases,
     ),
     _effect(
@@ -200,6 +190,5 @@ EFFECTS = (
         "drive force + f(F_a sin(theta))",
         "indenter",
         "moves",
-        ("force asked of the drive, F_a sin(theta)", FORCE, "force of the drive beyond that", FORCE),
     ),
 )

@@ -12,7 +12,7 @@ from numba import njit
 from drillenv.checks import InputError, number
 from drillenv.dynamics.constitutive import places
 from drillenv.dynamics.constitutive.places import CODE, OVER, PLACES, SCALARS, Law, Shape
-from drillenv.dynamics.constitutive.tables import Table, tabulate
+from drillenv.dynamics.constitutive.tables import Table, tabulate, toward_zero
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.dynamics.hybrid import vector_field as V
@@ -85,8 +85,7 @@ def tables_of(chosen: Chosen, stiffness: float) -> tuple[tuple[int, int, Table],
         if np.array_equal(law(x), x if isinstance(given, Shape) else np.zeros_like(x)):
             continue
         try:
-            # a contact is followed from next to no depth on, with the digits of its own size
-            knots = [place.high * 0.25**k for k in range(1, 14)] if isinstance(given, Shape) else []
+            knots = toward_zero(place.high) if isinstance(given, Shape) else []
             found.append((CODE[name], OVER.index(shape.over), tabulate(law, place.low, place.high, knots)))
         except ValueError as error:
             raise InputError(f"the law of {chosen.effect.name} at {name} cannot be followed: {error}") from None

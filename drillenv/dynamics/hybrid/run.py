@@ -351,8 +351,12 @@ def is_exact(rtol: float) -> bool:
 def check_status(status: int, reached: float) -> None:
     """Raise InputError where a motion could not be followed beyond ``reached`` s."""
     if status != WENT_ON:
-        why = "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
-        raise InputError(f"the motion {why} at {reached:g} s: make the effects weaker, or rtol larger")
+        raise InputError(f"the motion {lost_by(status)} at {reached:g} s: make the effects weaker, or rtol larger")
+
+
+def lost_by(status: int) -> str:
+    """In words, how a motion went that could not be followed."""
+    return "grew without bound" if status == STEPS_TOO_SHORT else "switched without end"
 
 
 def _stored(model: Model, z: np.ndarray) -> float:

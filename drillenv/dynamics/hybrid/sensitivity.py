@@ -6,7 +6,8 @@ at its stages, so that what comes out is the derivative of the step itself. Wher
     S+ = R S + (f+ - R f-) (grad g . S) / (grad g . f-)
 
 with g the guard, R the derivative of the reset map, f- and f+ the rates before and behind it (M. di Bernardo et al.,
-Piecewise-smooth Dynamical Systems, Springer, 2008, Section 2.5).
+Piecewise-smooth Dynamical Systems, Springer, 2008, Section 2.5). That the stiffness of a turning rock goes with the
+moment of landing is not varied.
 """
 
 from __future__ import annotations
