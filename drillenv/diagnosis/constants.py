@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc
 
-from drillenv.diagnosis import predict
-from drillenv.diagnosis.predict import Axes
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import Axes
 from drillenv.diagnosis.terms import REACH, Model, Scene, Term, Unknown
+from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig, Setting
 
@@ -35,6 +35,13 @@ CORNER = 0.415
 """Share of the sample rate at which anti-alias filters have their corner: between 0.38 and 0.45 as a rule."""
 
 
+@lru_cache(maxsize=256)
+def stated_forces(frequency: float, amplitude: float, pressure: float) -> tuple[float, float]:
+    """Amplitude of the drive and static force in N of the paper's rig at Hz, V and bar."""
+    rig, setting = Rig(), Setting(frequency, amplitude, pressure)
+    return rig.drive_force(setting), rig.static_force(setting)
+
+
 @dataclass(frozen=True)
 class Constants(Term):
     """Masses, coupling, gains and rock of the paper's model."""
@@ -42,13 +49,12 @@ class Constants(Term):
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Set the numbers of the paper's model."""
         m1, m2, k, c, drive, push, loading, unloading = values
-        rig = Rig()
-        setting = Setting(scene.frequency, scene.amplitude, scene.pressure)
+        drive_force, static_force = stated_forces(scene.frequency, scene.amplitude, scene.pressure)
         s = model.s
-        s[predict.M1], s[predict.M2], s[predict.K], s[predict.C] = m1, m2, k, c
-        s[predict.F_A] += drive * rig.drive_force(setting)
-        s[predict.F_B] += push * rig.static_force(setting)
-        s[predict.K_L], s[predict.RATIO] = loading, unloading / loading
+        s[V.M1], s[V.M2], s[V.K], s[V.C] = m1, m2, k, c
+        s[V.F_A] += drive * drive_force
+        s[V.F_B] += push * static_force
+        s[V.KL], s[V.KU] = loading, unloading
 
     def freed(self, name: str) -> Constants:
         """The same with one that need not be near to what is stated."""

@@ -8,35 +8,15 @@ added, so that a coordinate tells shortenings from each other where the coupling
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drillenv.diagnosis.predict import DAMPER, F_B, GRID, MARGIN, SPRING, SPRING_FROM_REST, Axes, C, K
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import Axes, look, slope
 from drillenv.diagnosis.terms import Model
+from drillenv.dynamics.constitutive.places import DAMPER, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.hybrid.vector_field import F_B, C, K
 
 ADDED = 2e4
 """N/m, of the spring that is added: a third of the coupling's or less."""
-
-
-def _at(axes: Axes, place: int, x: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Positions in a place's table, and the lower of the two points that each is between or beyond."""
-    at = (np.arcsinh(x / axes.scale[place]) - axes.low[place]) / axes.step[place]
-    at = np.clip(at, -MARGIN, GRID - 1.0 + MARGIN)
-    return at, np.clip(at.astype(int), 0, GRID - 2)
-
-
-def look(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
-    """A place's table (GRID,) at arguments."""
-    at, i = _at(axes, place, x)
-    return table[i] + (at - i) * (table[i + 1] - table[i])
-
-
-def slope(table: Floats, axes: Axes, place: int, x: Floats) -> Floats:
-    """Its derivative by the argument."""
-    at, i = _at(axes, place, x)
-    inside = (at > -MARGIN) & (at < GRID - 1.0 + MARGIN)
-    run = axes.step[place] * np.sqrt(x**2 + axes.scale[place] ** 2)
-    return np.where(inside, (table[i + 1] - table[i]) / run, 0.0)
 
 
 def from_rest(y: Floats, model: Model) -> Floats:
@@ -47,29 +27,29 @@ def from_rest(y: Floats, model: Model) -> Floats:
 def spring_coordinate(y: Floats, model: Model, axes: Axes) -> Floats:
     """Force in N of the coupling's spring at a shortening, with that of the added spring."""
     beyond = from_rest(y, model)
-    force = model.s[K] * y + ADDED * beyond + look(model.tables[SPRING], axes, SPRING, y)
-    return force + look(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, beyond)
+    force = model.s[K] * y + ADDED * beyond + look(model.curve(SPRING), axes, SPRING, y)
+    return force + look(model.curve(SPRING_FROM_REST), axes, SPRING_FROM_REST, beyond)
 
 
 def spring_slope(y: Floats, model: Model, axes: Axes) -> Floats:
     """Its derivative, not less than half of the added stiffness."""
-    found = model.s[K] + slope(model.tables[SPRING], axes, SPRING, y)
+    found = model.s[K] + slope(model.curve(SPRING), axes, SPRING, y)
     return np.maximum(found + slope_from_rest(y, model, axes), 0.5 * ADDED)
 
 
 def slope_from_rest(y: Floats, model: Model, axes: Axes) -> Floats:
     """Derivative of the curve over the shortening beyond that at rest, with the added stiffness."""
-    return ADDED + slope(model.tables[SPRING_FROM_REST], axes, SPRING_FROM_REST, from_rest(y, model))
+    return ADDED + slope(model.curve(SPRING_FROM_REST), axes, SPRING_FROM_REST, from_rest(y, model))
 
 
 def damper_force(v: Floats, model: Model, axes: Axes) -> Floats:
     """Force in N of the coupling's damper at a closing speed."""
-    return model.s[C] * v + look(model.tables[DAMPER], axes, DAMPER, v)
+    return model.s[C] * v + look(model.curve(DAMPER), axes, DAMPER, v)
 
 
 def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
     """Its derivative, not less than a tenth of c."""
-    return np.maximum(model.s[C] + slope(model.tables[DAMPER], axes, DAMPER, v), 0.1 * model.s[C])
+    return np.maximum(model.s[C] + slope(model.curve(DAMPER), axes, DAMPER, v), 0.1 * model.s[C])
 
 
 def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
@@ -93,7 +73,7 @@ def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
 def shortening(coordinate: Floats, model: Model, axes: Axes) -> Floats:
     """y in m at coordinates of the spring in N."""
     y = (coordinate + ADDED * model.s[F_B] / model.s[K]) / (model.s[K] + ADDED)
-    if not (np.any(model.tables[SPRING]) or np.any(model.tables[SPRING_FROM_REST])):
+    if not (model.bends(SPRING) or model.bends(SPRING_FROM_REST)):
         return y
     law, derivative = (lambda x: spring_coordinate(x, model, axes)), (lambda x: spring_slope(x, model, axes))
     return _inverted(coordinate, y, law, derivative)
@@ -102,6 +82,6 @@ def shortening(coordinate: Floats, model: Model, axes: Axes) -> Floats:
 def closing_speed(force: Floats, model: Model, axes: Axes) -> Floats:
     """v1 - v2 in m/s at forces of the damper in N."""
     v = force / model.s[C]
-    if not np.any(model.tables[DAMPER]):
+    if not model.bends(DAMPER):
         return v
     return _inverted(force, v, lambda x: damper_force(x, model, axes), lambda x: damping_at(x, model, axes))

@@ -17,45 +17,45 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
-from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned, thin, thinning
 from drillenv.diagnosis.coupling import (
     closing_speed,
     damper_force,
     damping_at,
-    look,
     shortening,
     slope_from_rest,
     spring_coordinate,
     spring_slope,
 )
+from drillenv.diagnosis.engine import Column, assembled, columns_of, equation_change
 from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
-from drillenv.diagnosis.predict import (
-    COMPACTION,
-    CURVE,
-    DAMPER,
+from drillenv.diagnosis.solver import Floats, Quadratic, factor
+from drillenv.diagnosis.tables import look
+from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Hypothesis, Model, Scene, Term
+from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.constitutive.tables import NotSmoothError
+from drillenv.dynamics.hybrid.advance import WENT_ON
+from drillenv.dynamics.hybrid.model import fresh_motion
+from drillenv.dynamics.hybrid.runge_kutta import make_scratch
+from drillenv.dynamics.hybrid.sensitivity import COUNTED, LAW, PHASE, make_variation
+from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
+from drillenv.dynamics.hybrid.vector_field import (
+    AIR_RATE,
+    AIR_STIFFNESS,
     F_B,
-    GRID,
-    PLACES,
-    SCALARS,
-    SPRING,
-    SPRING_FROM_REST,
-    STATES,
+    MOUNT_GAIN,
+    MOUNT_SQUARE,
+    OWN,
     UD,
     V1,
     V2,
     C,
-    Columns,
     K,
     Q,
     U,
-    Wave,
     Y,
-    run,
 )
-from drillenv.diagnosis.solver import Floats, Quadratic, factor
-from drillenv.diagnosis.terms import REACH, Hypothesis, Model, Scene, Term
 
 CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015])
 """Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
@@ -74,21 +74,49 @@ WORSE, CORRECTIONS = 10.0, 6
 """Own unknowns whose step makes a recording worse, up to so many times, take so many steps more of their own."""
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
-LONGEST_STEP = 84e-6
-"""s that a step of the integrator takes at most."""
+PATH_STEP = 84e-6
+"""s from one state of a path to the next at most."""
+TOLERANCE = 1e-7
+"""Relative error of a step of the integrator."""
+GRAZING = 2e-3
+"""m/s of a contact's speed below which the jump of the derivatives is held back."""
+
+
+class Varied(NamedTuple):
+    """By what a motion is differentiated: own states at the windows' beginnings, and columns."""
+
+    columns: Sequence[Column]
+    by_own: Floats
+    """(windows, kept, kept) derivatives of the states that windows begin with, by own unknowns."""
+    by_column: Floats
+    """(windows, columns, kept) the same by columns."""
 
 
 class Raw(NamedTuple):
-    """What the integrator says of a recording."""
+    """What the engine says of a recording."""
 
     said: Floats
+    """(2, fine samples) force in N and acceleration in m/s^2."""
     path: Floats
+    """(OWN, steps) states along the motion; none where they are not asked for."""
     by_state: Floats
+    """(kept, 2, fine samples) by own unknowns of the same window."""
     by_column: Floats
+    """(columns, 2, fine samples)"""
     ends: Floats
+    """(windows, OWN) states at the ends of windows, or at their beginnings where these were chained."""
     ends_by_state: Floats
+    """(windows, kept, OWN)"""
     ends_by_column: Floats
+    """(windows, columns, OWN)"""
     good: bool
+    """Whether the motion could be followed to the end."""
+
+
+def raw_of(shot: Shot, ends: Floats, states: int, good: bool) -> Raw:
+    """What the engine has written, of which the first columns are those by states."""
+    by, ends_by = shot.by_column, shot.ends_by_column
+    return Raw(shot.said, shot.path, by[:states], by[states:], ends, ends_by[:, :states], ends_by[:, states:], good)
 
 
 def first_states(data: Conditioned) -> Floats:
@@ -132,12 +160,6 @@ def _filter_decimate(rows, taps, over, made):
             made[i, j] = total
 
 
-def no_columns() -> Columns:
-    """No derivative is asked for."""
-    none = np.zeros(0, dtype=np.int64)
-    return Columns(none, none, np.zeros(0), none, np.zeros((0, GRID)))
-
-
 @dataclass
 class Recorded:
     """A recording as a block of the solver."""
@@ -158,7 +180,7 @@ class Recorded:
         """Times as fine as the logger's own samples."""
         self.over = self.fine * data.thinned
         self.scene = scene_of(data)._replace(rate=data.rate * self.over)
-        longest = max(1, math.floor(LONGEST_STEP * self.scene.rate))
+        longest = max(1, math.floor(PATH_STEP * self.scene.rate))
         self.stride = max(each for each in range(1, longest + 1) if self.over % each == 0)
         self.starts = data.starts * self.over
         self.windows = len(data.starts) - 1
@@ -215,41 +237,45 @@ class Recorded:
 
     def size(self, model: Model) -> int:
         """How many states take part."""
-        return STATES if model.s[predict.MOUNT_GAIN] or model.s[predict.AIR_STIFFNESS] else self.least_size
+        return OWN if model.s[MOUNT_GAIN] or model.s[AIR_STIFFNESS] else self.least_size
 
-    def integrate(self, model: Model, own: Floats, columns: Columns, states: int, path: bool = False,
-                  size: int | None = None, chained: bool = False) -> Raw:  # fmt: skip
-        """Simulate all windows; ``own`` as the solver has it."""
-        data, n, count = self.data, self.data.force.size * self.over, columns.kind.size
-        begin = self.begun(own, model)
-        s = self.labelled(own, model).s
-        before = own[self.windows * self.state_count(own) + 1]
-        impacts = max(model.impacts * (1.0 + COUNT_LABEL * before), 0.0)
-        active = np.any(model.tables != 0.0, axis=1)
-        wanted = np.zeros(PLACES, dtype=bool)
-        wanted[columns.place[columns.kind == CURVE]] = True
-        said = np.zeros((2, n))
-        arrays = (
-            np.zeros((STATES, n // self.stride if path else 0)),
-            said,
-            np.zeros((2, states, n)),
-            np.zeros((2, count, n)),
-            np.zeros((self.windows, STATES)),
-            np.zeros((self.windows, states, STATES)),
-            np.zeros((self.windows, count, STATES)),
+    def integrate(self, model: Model, own: Floats, varied: Varied | None = None, path: bool = False,
+                  chained: bool = False) -> Raw:  # fmt: skip
+        """Simulate all windows, with derivatives by own states and columns where ``varied`` says by which.
+
+        ``own`` as the solver has it.
+        """
+        data, n, kept = self.data, self.data.force.size * self.over, self.state_count(own)
+        given, states = (varied.columns, kept) if varied is not None else ((), 0)
+        count = states + len(given)
+        labelled, axes = self.labelled(own, model), self.hypothesis.axes
+        impacts = max(model.impacts * (1.0 + COUNT_LABEL * own[self.windows * kept + 1]), 0.0)
+        shot = Shot(
+            np.zeros((OWN, n // self.stride if path else 0)),
+            np.zeros((2, n)),
+            np.zeros((count, 2, n)),
+            np.zeros((self.windows, OWN)),
+            np.zeros((self.windows, count, OWN)),
         )
-        size = self.size(model) if size is None else size
-        wave = Wave(model.turn, model.sine, model.cosine)
-        end = run(self.starts, begin, chained, self.scene.rate, self.stride, data.omega, data.phase, impacts, s,
-                  model.tables, self.hypothesis.axes, active, wanted, wave, columns, states, size, *arrays)  # fmt: skip
-        path_, said, by_state, by_column, ends, ends_by_state, ends_by_column = arrays
-        if chained:
-            ends = begin
-        return Raw(said, path_, by_state, by_column, ends, ends_by_state, ends_by_column, end >= 0.0)
+        try:
+            made = assembled(labelled, axes, data.omega, [each.place for each in given if each.place >= 0])
+        except NotSmoothError:
+            # parameters with which a law is no curve any more
+            return raw_of(shot, shot.ends, states, False)
+        columns = columns_of(given, labelled, axes, made, states)
+        begin_by = np.zeros((self.windows, count, OWN))
+        if varied is not None:
+            begin_by[:, :states, :kept] = varied.by_own.transpose(0, 2, 1)
+            begin_by[:, states:, :kept] = varied.by_column
+        windows = Windows(self.starts, self.begun(own, model), begin_by, self.scene.rate, data.phase + made.phase,
+                          impacts, chained, self.stride, GRAZING)  # fmt: skip
+        status, _impacts = shoot(made.model, fresh_motion(made.model).d, TOLERANCE, windows, columns, shot,
+                                 make_variation(made.model, count), make_scratch(made.model))  # fmt: skip
+        return raw_of(shot, windows.begin if chained else shot.ends, states, status == WENT_ON)
 
     def path(self, model: Model, own: Floats) -> Floats:
         """(7, n) states along the motion, from the first window to the last, at the integrator's steps."""
-        path = self.integrate(model, own, no_columns(), 0, path=True).path
+        path = self.integrate(model, own, path=True).path
         return path[:, self.inside.start // self.stride : self.inside.stop // self.stride]
 
     def labelled(self, own: Floats, model: Model) -> Model:
@@ -262,15 +288,15 @@ class Recorded:
         """(windows, 7) states at the beginning of the windows."""
         model = self.labelled(own, model)
         kept = self.state_count(own)
-        begin = np.zeros((self.windows, STATES))
+        begin = np.zeros((self.windows, OWN))
         begin[:, :kept] = self.states_of(own) * STATE_WIDTHS[:kept]
         begin[:, absent(model)] = 0.0
         begin[:, Y] = shortening(begin[:, Y], model, self.hypothesis.axes)
         begin[:, V1] = begin[:, V2] + closing_speed(begin[:, V1], model, self.hypothesis.axes)
         return begin
 
-    def beginning(self, own: Floats, model: Model, columns: Columns) -> tuple[Floats, Floats]:
-        """(windows, kept, kept) and (windows, columns, kept): derivatives of the states that windows begin with."""
+    def varied(self, own: Floats, model: Model, given: Sequence[Column]) -> Varied:
+        """By what the motion is differentiated, and what that makes of the states that windows begin with."""
         kept, axes = self.state_count(own), self.hypothesis.axes
         begin = self.begun(own, model)
         model = self.labelled(own, model)
@@ -284,21 +310,21 @@ class Recorded:
         by_own[:, Y, Y] = STATE_WIDTHS[Y] / stiff
         by_own[:, V1, V1] = STATE_WIDTHS[V1] / damped
         by_own[:, V1, V2] = STATE_WIDTHS[V2]
-        by_column = np.zeros((self.windows, columns.kind.size, kept))
-        for j, kind in enumerate(columns.kind):
-            place = columns.place[j]
-            if kind == K:
+        by_column = np.zeros((self.windows, len(given), kept))
+        for j, column in enumerate(given):
+            place, change = column.place, column.change
+            if column.kind == K:
                 by_column[:, j, Y] = -(y + beyond_rest * rest / model.s[K]) / stiff
-            elif kind == F_B:
+            elif column.kind == F_B:
                 by_column[:, j, Y] = beyond_rest / model.s[K] / stiff
-            elif kind == C:
+            elif column.kind == C:
                 by_column[:, j, V1] = -closing / damped
-            elif kind == CURVE and place in (SPRING, SPRING_FROM_REST):
+            elif change is not None and place in (SPRING, SPRING_FROM_REST):
                 beyond = y if place == SPRING else y - rest
-                by_column[:, j, Y] = -look(columns.table[j], axes, place, beyond) / stiff
-            elif kind == CURVE and place == DAMPER:
-                by_column[:, j, V1] = -look(columns.table[j], axes, place, closing) / damped
-        return by_own, by_column
+                by_column[:, j, Y] = -look(change, axes, place, beyond) / stiff
+            elif change is not None and place == DAMPER:
+                by_column[:, j, V1] = -look(change, axes, place, closing) / damped
+        return Varied(given, by_own, by_column)
 
     def state_count(self, own: Floats) -> int:
         """States a window."""
@@ -321,7 +347,7 @@ class Recorded:
         """The same, and (windows,) that of each window's samples and of its end."""
         values = shared * self.widths
         model = self.hypothesis.model(values, self.scene)
-        raw = self.integrate(model, own, no_columns(), 0)
+        raw = self.integrate(model, own)
         if not raw.good:
             return math.inf, np.full(self.windows, math.inf)
         full = np.zeros(raw.said.shape[1])
@@ -388,7 +414,7 @@ class Recorded:
             return own
         kept = self.state_count(own)
         model = self.hypothesis.model(shared * self.widths, self.scene)
-        raw = self.integrate(model, own, no_columns(), 0)
+        raw = self.integrate(model, own)
         states = self.states_of(own)
         behind = own[states.size :]
         ends = self.owned(raw.ends, self.labelled(own, model), kept)
@@ -419,7 +445,7 @@ class Recorded:
         """Own unknowns with which all states go on from window to window, but for the indenter's."""
         values, kept = shared * self.widths, self.state_count(own)
         model = self.hypothesis.model(values, self.scene)
-        begin = self.integrate(model, own, no_columns(), 0, chained=True).ends
+        begin = self.integrate(model, own, chained=True).ends
         return np.append(self.owned(begin, self.labelled(own, model), kept).ravel(), own[self.windows * kept :])
 
     def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
@@ -465,11 +491,10 @@ class Recorded:
         """Negative log-likelihood with its derivatives; ``fixed`` leaves out those by the shared parameters."""
         values, kept = shared * self.widths, self.state_count(own)
         model, columns, mixing = self.elementary(values, fixed)
-        raw = self.integrate(model, own, columns, kept)
-        by_own_begin, by_column_begin = self.beginning(own, model, columns)
-        raw = chained(raw, self.starts, by_own_begin, by_column_begin)
+        varied = self.varied(own, model, columns)
+        raw = self.integrate(model, own, varied)
         residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
-        seen = self.hypothesis.sense(values, raw.by_column.transpose(1, 0, 2), self.scene)
+        seen = self.hypothesis.sense(values, raw.by_column, self.scene)
         seen = self.judged_only(self.sampled(values, seen)[:, :, self.judged])
         shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, seen, mixing)
         local_mixing = self.local_mixing(columns, model)
@@ -477,7 +502,7 @@ class Recorded:
         own_own, own_wide = self.window_products(values, raw, kept, wide)
         flat = wide.reshape(len(wide), -1)
         products = flat @ flat.T
-        e_own, e_shared = self.gap_columns(raw, own.size, by_own_begin, by_column_begin, mixing, local_mixing)
+        e_own, e_shared = self.gap_columns(raw, own.size, varied, mixing, local_mixing)
         g, m, count = gaps.ravel(), self.windows * kept, self.locals
         off, precision = self.beliefs(own)
         hessian = e_own.T @ e_own
@@ -502,12 +527,13 @@ class Recorded:
             scale,
         )
 
-    def local_mixing(self, columns: Columns, model: Model) -> Floats:
+    def local_mixing(self, columns: Sequence[Column], model: Model) -> Floats:
         """(columns, 2) how the derivatives by the pressure's share and the impacts before are made of columns."""
-        made = np.zeros((columns.kind.size, 2))
-        made[list(columns.kind).index(F_B), 0] = model.s[F_B] * PRESSURE_LABEL
-        if columns.kind[-1] == CURVE and columns.place[-1] == COMPACTION and model.impacts > 0.0:
-            made[-1, 1] = model.impacts * COUNT_LABEL
+        kinds = [each.kind for each in columns]
+        made = np.zeros((len(kinds), 2))
+        made[kinds.index(F_B), 0] = model.s[F_B] * PRESSURE_LABEL
+        if COUNTED in kinds:
+            made[kinds.index(COUNTED), 1] = model.impacts * COUNT_LABEL
         return made
 
     def local_columns(self, seen: Floats, mixing: Floats) -> Floats:
@@ -521,17 +547,17 @@ class Recorded:
             rows[i, channel] = self.noise[channel].std * row
         return np.concatenate([moved, self.judged_only(rows[:, :, self.judged])])
 
-    def gap_columns(self, raw: Raw, own: int, by_own_begin: Floats, by_column_begin: Floats, mixing: Floats,
+    def gap_columns(self, raw: Raw, own: int, varied: Varied, mixing: Floats,
                     local_mixing: Floats) -> tuple[Floats, Floats]:  # fmt: skip
         """(gaps, own) and (gaps, parameters): derivatives of the continuity constraints."""
-        kept = by_own_begin.shape[1]
+        kept = varied.by_own.shape[1]
         over = CONTINUITY[:kept] * self.weight
         pairs = self.windows - 1
         by_own = np.zeros((pairs, kept, own))
         for i in range(pairs):
-            by_own[i, :, (i + 1) * kept : (i + 2) * kept] = by_own_begin[i + 1]
+            by_own[i, :, (i + 1) * kept : (i + 2) * kept] = varied.by_own[i + 1]
             by_own[i, :, i * kept : (i + 1) * kept] = -raw.ends_by_state[i, :, :kept].T
-        change = by_column_begin[1:] - raw.ends_by_column[:-1, :, :kept]
+        change = varied.by_column[1:] - raw.ends_by_column[:-1, :, :kept]
         first = self.windows * kept
         by_own[:, :, first : first + 2] = np.einsum("wes,ek->wsk", change, local_mixing)
         by_shared = np.einsum("wes,ep->wsp", change, mixing) * self.widths[: mixing.shape[1]]
@@ -586,7 +612,7 @@ class Recorded:
         for i, (begin, end) in enumerate(zip(self.starts[:-1], self.starts[1:], strict=True)):
             seen = min(int(end - begin), int(high[i] - low[i] - REACH) * over)
             if seen > 0:
-                own = raw.by_state[:, :, begin : begin + seen].transpose(1, 0, 2)
+                own = raw.by_state[:, :, begin : begin + seen]
                 parts[i, :, :, REACH * over : REACH * over + seen] = own
         parts = self.sampled(values, self.hypothesis.sense(values, parts, self.scene))
         before = self.judged.start - int(low[0])
@@ -602,73 +628,49 @@ class Recorded:
         """Samples over which sensors and noise model remember."""
         return 10**9 if self.coloured or self.hypothesis.remembers else REACH
 
-    def elementary(self, values: Floats, fixed: bool) -> tuple[Model, Columns, Floats]:
+    def elementary(self, values: Floats, fixed: bool) -> tuple[Model, list[Column], Floats]:
         """The model, by what the motion is differentiated, and (columns, parameters) what that makes of each."""
         model = self.hypothesis.model(values, self.scene)
-        by_scalar, tables = (np.zeros((SCALARS, 0)), []) if fixed else self.differentiated(values, model)
-        columns, mixing = mixed(by_scalar, tables)
+        found = [Entry(Column(F_B), {})] if fixed else self.differentiated(values, model)
         if not fixed:
-            columns, mixing = self.with_waves(columns, mixing, values)
-        if model.impacts > 0.0 and np.any(model.tables[COMPACTION]):
-            # the number of impacts before, last
-            axes = self.hypothesis.axes
-            run_ = axes.step[COMPACTION] * np.hypot(axes.points(COMPACTION), axes.scale[COMPACTION])
-            rise = np.gradient(model.tables[COMPACTION]) / run_
-            columns = Columns(
-                np.append(columns.kind, CURVE),
-                np.append(columns.place, COMPACTION),
-                np.append(columns.turn, 0.0),
-                np.append(columns.code, 0),
-                np.vstack([columns.table, rise]),
-            )
-            mixing = np.vstack([mixing, np.zeros(mixing.shape[1])])
-        return model, columns, mixing
+            first = 0
+            for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
+                for wave in term.wave_columns(own, self.scene):
+                    by = {first + place: size for place, size in wave.by.items()}
+                    found.append(Entry(Column(wave.kind, wave.code, wave.turn), by))
+                first += own.size
+        if model.impacts > 0.0 and model.bends(COMPACTION):
+            found.append(Entry(Column(int(COUNTED)), {}))
+        mixing = np.zeros((len(found), 0 if fixed else len(self.hypothesis.unknowns)))
+        for row, entry in zip(mixing, found, strict=True):
+            for i, size in entry.by.items():
+                row[i] = size
+        return model, [each.column for each in found], mixing
 
-    def with_waves(self, columns: Columns, mixing: Floats, values: Floats) -> tuple[Columns, Floats]:
-        """Columns, and how parameters' derivatives are made of them, with those of waves."""
-        waves, rows, first = [], [], 0
-        for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
-            for wave in term.wave_columns(own, self.scene):
-                row = np.zeros(mixing.shape[1])
-                for place, by in wave.by.items():
-                    row[first + place] = by
-                waves.append(wave)
-                rows.append(row)
-            first += own.size
-        if not waves:
-            return columns, mixing
-        more = Columns(
-            np.append(columns.kind, [each.kind for each in waves]),
-            np.append(columns.place, np.zeros(len(waves), dtype=np.int64)),
-            np.append(columns.turn, [each.turn for each in waves]),
-            np.append(columns.code, [each.code for each in waves]),
-            np.vstack([columns.table, np.zeros((len(waves), GRID))]),
-        )
-        return more, np.vstack([mixing, rows])
-
-    def differentiated(self, values: Floats, model: Model) -> tuple[Floats, list[dict[int, Floats]]]:
-        """(SCALARS, parameters) and tables by place: how the model changes with each parameter."""
-        unknowns = self.hypothesis.unknowns
-        by_scalar, tables = np.zeros((SCALARS, len(unknowns))), []
+    def differentiated(self, values: Floats, model: Model) -> list[Entry]:
+        """Columns of scalars and laws, and how the parameters' derivatives are made of them."""
+        unknowns, split = self.hypothesis.unknowns, self.hypothesis.split(values)
+        by_scalar, laws = np.zeros((SCALARS, len(unknowns))), []
         first = 0
-        for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
-            for j in range(own.size):
-                changed: dict[int, Floats] = {}
-                if isinstance(term, Curve):
-                    changed = {term.place: term.basis[j]}
-                elif term.moves:
-                    step = 1e-4 * unknowns[first + j].width
-                    ahead = own.copy()
-                    ahead[j] += step
-                    split = self.hypothesis.split(values)
-                    split[self.hypothesis.terms.index(term)] = ahead
-                    other = self.hypothesis.model(np.concatenate(split), self.scene)
-                    by_scalar[:, first + j] = (other.s - model.s) / step
-                    moved = np.flatnonzero(np.any(other.tables != model.tables, axis=1))
-                    changed = {int(place): (other.tables[place] - model.tables[place]) / step for place in moved}
-                tables.append(changed)
+        for term, own in zip(self.hypothesis.terms, split, strict=True):
+            if isinstance(term, Curve):
+                for j, change in enumerate(term.basis):
+                    laws.append(Entry(Column(int(LAW), place=term.place, change=change), {first + j: 1.0}))
+            for j in range(own.size if term.moves and not isinstance(term, Curve) else 0):
+                step = 1e-4 * unknowns[first + j].width
+                ahead = own.copy()
+                ahead[j] += step
+                others = [ahead if each is own else each for each in split]
+                other = self.hypothesis.model(np.concatenate(others), self.scene)
+                by_scalar[:, first + j] = (other.s - model.s) / step
+                laws += law_columns(model, other, first + j, step)
             first += own.size
-        return by_scalar, tables
+        scalars = [i for i in range(SCALARS) if np.any(by_scalar[i]) or i == F_B]
+        found = []
+        for i in scalars:
+            by = {int(j): float(by_scalar[i, j]) for j in np.flatnonzero(by_scalar[i])}
+            found.append(Entry(Column(int(PHASE) if i == DRIVE_PHASE else i), by))
+        return found + laws
 
     def shared_columns(self, values: Floats, raw: Raw, seen: Floats, mixing: Floats) -> Floats:
         """(parameters, 2, judged) by what the weighed reading changes with each parameter in units of its width."""
@@ -702,45 +704,29 @@ class Recorded:
 
 def absent(model: Model) -> list[int]:
     """States that the model has not: of a mount, of the air."""
-    mount = [] if model.s[predict.MOUNT_SQUARE] > 0.0 else [U, UD]
-    return mount + ([] if model.s[predict.AIR_RATE] > 0.0 else [Q])
+    mount = [] if model.s[MOUNT_SQUARE] > 0.0 else [U, UD]
+    return mount + ([] if model.s[AIR_RATE] > 0.0 else [Q])
 
 
-def chained(raw: Raw, starts: NDArray, by_own: Floats, by_column: Floats) -> Raw:
-    """Derivatives by own unknowns in place of states, and those by columns with what they do to the beginnings."""
-    states, columns = by_own.shape[1], by_column.shape[1]
-    lengths = np.diff(starts)
-    window = np.repeat(np.arange(len(lengths)), lengths)
-    inside = slice(int(starts[0]), int(starts[-1]))
-    by_state, more = np.zeros_like(raw.by_state), raw.by_column.copy()
-    old = raw.by_state[:, :, inside]
-    for j in range(states):
-        for i in range(states):
-            if np.any(by_own[:, i, j]):
-                by_state[:, j, inside] += old[:, i] * by_own[window, i, j]
-    for j in range(columns):
-        for i in range(states):
-            if np.any(by_column[:, j, i]):
-                more[:, j, inside] += old[:, i] * by_column[window, j, i]
-    ends_by_state = np.einsum("wie,wij->wje", raw.ends_by_state, by_own)
-    ends_by_column = raw.ends_by_column + np.einsum("wie,wji->wje", raw.ends_by_state, by_column)
-    return raw._replace(by_state=by_state, by_column=more, ends_by_state=ends_by_state, ends_by_column=ends_by_column)
+class Entry(NamedTuple):
+    """A column of the integrator."""
+
+    column: Column
+    by: dict[int, float]
+    """Its share in the derivatives by parameters."""
 
 
-def mixed(by_scalar: Floats, tables: Sequence[dict[int, Floats]]) -> tuple[Columns, Floats]:
-    """Columns of the integrator, and (columns, parameters) how the parameters' derivatives are made of them."""
-    scalars = [i for i in range(SCALARS) if np.any(by_scalar[i]) or i == F_B]
-    curves = [(j, place, table) for j, each in enumerate(tables) for place, table in each.items()]
-    kind = np.array([*scalars, *[CURVE] * len(curves)], dtype=np.int64)
-    place = np.array([*[0] * len(scalars), *[at for _, at, _ in curves]], dtype=np.int64)
-    table = np.zeros((kind.size, GRID))
-    mixing = np.zeros((kind.size, by_scalar.shape[1]))
-    mixing[: len(scalars)] = by_scalar[scalars]
-    for i, (j, _, values) in enumerate(curves):
-        table[len(scalars) + i] = values
-        mixing[len(scalars) + i, j] = 1.0
-    zeros = np.zeros(kind.size)
-    return Columns(kind, place, zeros, zeros.astype(np.int64), table), mixing
+def law_columns(model: Model, other: Model, parameter: int, step: float) -> list[Entry]:
+    """By what the equations of a model differ from those of another, whose parameter is larger by ``step``."""
+    found, at = [], 0
+    stiff, other_stiff = float(model.s[K]), float(other.s[K])
+    for law, beside in zip(model.laws, other.laws, strict=True):
+        changes = equation_change(law, beside, stiff, other_stiff)
+        for pieces in changes:
+            if np.any(pieces):
+                found.append(Entry(Column(int(LAW), law=at, pieces=pieces / step), {parameter: 1.0}))
+            at += 1
+    return found
 
 
 def scene_of(data: Conditioned) -> Scene:

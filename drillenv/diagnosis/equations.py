@@ -1,8 +1,8 @@
-"""What an effect says, as the diagnosis' integrator takes it: curves at places, and numbers of the model.
+"""What an effect says beside free laws: curves at places, and numbers of the model.
 
-An effect states its laws once, for the simulator. Here the contact's laws become factors on the stiffness over
-``w = R / k_l``, R the force of the rock law, and dry friction that grips is rounded over a speed that is nothing beside
-those of the rig.
+An effect states its laws once, for the engine. To compare them with free laws, and to show them, the contact's become
+factors on the stiffness over ``w = R / k_l``, R the force of the rock law, and dry friction that grips is rounded over
+a speed that is nothing beside those of the rig.
 """
 
 from __future__ import annotations
@@ -68,6 +68,12 @@ def _factor(shape: Shape, p: tuple[float, ...], around: Around, unloading: bool,
         slope = (shape.law(at * 1.0001, p, around.k) - shape.law(at * 0.9999, p, around.k)) / (at * 2e-4)
         at = np.maximum(at - (shape.law(at, p, around.k) - goal) / np.maximum(slope, 1e-9), 0.5 * at)
     return (shape.law(at * 1.0001, p, around.k) - shape.law(at * 0.9999, p, around.k)) / (at * 2e-4)
+
+
+@functools.cache
+def grips_of(effect: str, form: Form) -> frozenset[str]:
+    """The dry friction that an equation sets, of ``GRIPS``."""
+    return frozenset(scalars_of(effect, parameters_of(effect, form, form.starts[0]))) & frozenset(GRIPS)
 
 
 @functools.cache

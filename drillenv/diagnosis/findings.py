@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from drillenv.corrected import Corrected
-from drillenv.diagnosis import predict
 from drillenv.diagnosis.constants import NAMES
-from drillenv.diagnosis.drill import no_columns
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
 from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response
@@ -22,7 +20,9 @@ from drillenv.diagnosis.sensing import Added, Sensor
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.verdict import Outcome, Settled, wrong_constants
+from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
+from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
@@ -166,8 +166,8 @@ def visited(outcome: Outcome) -> Visited:
     for block, own, shared in (*fitted, *outcome.held_fits[1]):
         model = block.hypothesis.model(shared * block.widths, block.scene)
         paths.append(block.path(model, own))
-        drive = max(drive, float(model.s[predict.F_A]))
-        rest.append(float(model.s[predict.F_B] / model.s[predict.K]))
+        drive = max(drive, float(model.s[V.F_A]))
+        rest.append(float(model.s[V.F_B] / model.s[V.K]))
         frequencies.append(block.scene.frequency)
     return Visited(axes_of(paths, drive, rest), (min(frequencies), max(frequencies)))
 
@@ -178,8 +178,8 @@ def median_depth(outcome: Outcome) -> float:
     for block, own in zip(outcome.final.blocks, outcome.final.fit.own, strict=True):
         model = block.hypothesis.model(outcome.final.values, block.scene)
         path = block.path(model, own)
-        loading = (path[predict.W] > 0.0) & (path[predict.V2] > 0.0)
-        depths.append(path[predict.W][loading])
+        loading = (path[V.W] > 0.0) & (path[V.V2] > 0.0)
+        depths.append(path[V.W][loading])
     every = np.concatenate(depths)
     return float(np.median(every)) if every.size else 1e-5
 
@@ -215,17 +215,17 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
             own = term.parameters(final.values_of(term.name))
             symbols = [each.symbol for each in REGISTRY[term.effect].parameters]
             made.append(make(term.effect, **dict(zip(symbols, own, strict=True))))
-        if not isinstance(term, Curve) or term.place in (predict.MOUNT_SPRING, predict.MOUNT_DAMPER):
+        if not isinstance(term, Curve) or term.place in (MOUNT_SPRING, MOUNT_DAMPER):
             continue
         x = final.hypothesis.axes.points(term.place)
-        y = model.tables[term.place]
+        y = model.curve(term.place)
         pick = np.unique(np.linspace(0, x.size - 1, KNOTS).astype(int))
         x, y = x[pick], y[pick]
-        if term.place == predict.WAVEFORM:
+        if term.place == WAVEFORM:
             # a turn ends where it began, but for rounding
             y[-1] = y[0]
         if term.place in LOGARITHMS:
-            x, y = x * model.s[predict.K_L], np.exp(y)
+            x, y = x * model.s[V.KL], np.exp(y)
         made.append(make(f"tabulated-{PLACE_NAMES[term.place]}", x=x.tolist(), y=y.tolist()))
     return made
 
@@ -235,7 +235,7 @@ def excess(outcome: Outcome) -> list[dict[str, Any]]:
     cells = []
     for block, own in zip(outcome.plain.blocks, outcome.plain.fit.own, strict=True):
         values = outcome.plain.values
-        raw = block.integrate(block.hypothesis.model(values, block.scene), own, no_columns(), 0)
+        raw = block.integrate(block.hypothesis.model(values, block.scene), own)
         left = block.residual(values, raw.said, own)[:, block.wait :]
         force = raw.said[0, :: block.over][block.steady]
         rising = np.gradient(force) > 0.0
@@ -377,7 +377,7 @@ def reading(settled: Settled) -> Floats:
     """(2, n) what a model reads."""
     block, own, shared = settled
     values = shared * block.widths
-    raw = block.integrate(block.hypothesis.model(values, block.scene), own, no_columns(), 0)
+    raw = block.integrate(block.hypothesis.model(values, block.scene), own)
     return block.read(values, raw.said) + block.disturbance(own)
 
 

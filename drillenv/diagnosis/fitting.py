@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Recorded, no_columns
+from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.laws import axes_of
 from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, nuisance
-from drillenv.diagnosis.predict import STATES
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.diagnosis.thresholds import CLOSE
+from drillenv.dynamics.hybrid import vector_field as V
 
 FREE, JOINED = 1e3, 1.0
 """Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
@@ -127,7 +126,7 @@ def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
 def left_by(fitted: Fitted, block: Recorded, own: Floats) -> Floats:
     """(2, n) residuals of a recording; lines that are known already are left in."""
     values = fitted.values
-    raw = block.integrate(fitted.hypothesis.model(values, block.scene), own, no_columns(), 0)
+    raw = block.integrate(fitted.hypothesis.model(values, block.scene), own)
     return (block.measured - block.read(values, raw.said))[:, block.steady]
 
 
@@ -191,7 +190,7 @@ def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floa
 
 def kept_of(own: Floats, windows: int) -> int:
     """States a window of own unknowns whose lines are fewer than three windows."""
-    return STATES if (own.size - 2) // windows >= STATES else 4
+    return V.OWN if (own.size - 2) // windows >= V.OWN else 4
 
 
 def fitted_to(own: Floats, windows: int, size: int, level: Noise) -> Floats:
@@ -223,7 +222,7 @@ def fit_to(
     """
     priors = priors_of(hypothesis)
     shared = priors.centre.copy() if start is None else start
-    size = STATES if any(term.remembers for term in hypothesis.terms) else 4
+    size = V.OWN if any(term.remembers for term in hypothesis.terms) else 4
     levels = [noise_of(each) if noise is None else noise[i] for i, each in enumerate(data)]
     own = [
         fitted_to(each, len(one.starts) - 1, size, level) for each, one, level in zip(own, data, levels, strict=True)
@@ -278,6 +277,6 @@ def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
 def axes_at(fitted: Fitted, pool: Executor):
     """Axes over the ranges that a fit's motions visit."""
     paths, models = motions(fitted, pool)
-    drive = max(float(each.s[predict.F_A]) for each in models)
-    rest = [float(each.s[predict.F_B] / each.s[predict.K]) for each in models]
+    drive = max(float(each.s[V.F_A]) for each in models)
+    rest = [float(each.s[V.F_B] / each.s[V.K]) for each in models]
     return axes_of(paths, drive, rest)

@@ -10,31 +10,49 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from drillenv.diagnosis import predict
-from drillenv.diagnosis.coupling import look
-from drillenv.diagnosis.equations import Around, acts_at, curve_at, parameters_of, scalars_of
-from drillenv.diagnosis.predict import GRID, PLACES, Axes
+from drillenv.diagnosis.equations import acts_at, grips_of, parameters_of, scalars_of
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.terms import Hypothesis, Model, Scene, Term, Unknown
-from drillenv.dynamics.constitutive import places as constitutive
+from drillenv.diagnosis.tables import GRID, PLACES, Axes, look
+from drillenv.diagnosis.terms import DRIVE_PHASE, Hypothesis, Law, Model, Scene, Term, Unknown
+from drillenv.dynamics.constitutive.places import (
+    COMPACTION,
+    DAMPER,
+    DRIVE,
+    GUIDE,
+    INDENTER,
+    LOADING,
+    MOUNT_DAMPER,
+    MOUNT_SPRING,
+    RATE_FACTOR,
+    RATE_FORCE,
+    SPRING,
+    SPRING_FROM_REST,
+    UNLOADING,
+    WAVEFORM,
+)
+from drillenv.dynamics.constitutive.places import PLACES as EVERY_PLACE
 from drillenv.dynamics.effects import REGISTRY, Parameter
 from drillenv.dynamics.forms import Form
+from drillenv.dynamics.hybrid import vector_field as V
 
 TWO_PI = 2.0 * math.pi
-PLACE_NAMES = tuple(place.name for place in constitutive.PLACES)
+PLACE_NAMES = tuple(place.name for place in EVERY_PLACE)
 """In the order of the integrator's places."""
-SPRINGS = (predict.SPRING, predict.SPRING_FROM_REST)
+SPRINGS = (SPRING, SPRING_FROM_REST)
 LEAST = 1e-9
 """Range in m or m/s of an axis over what does not move: of a mount that is not there."""
-LOGARITHMS = (predict.LOADING, predict.UNLOADING)
+LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
 NUMBERS = {
-    "mount_gain": predict.MOUNT_GAIN,
-    "mount_square": predict.MOUNT_SQUARE,
-    "mount_damping": predict.MOUNT_DAMPING,
-    "air_stiffness": predict.AIR_STIFFNESS,
-    "air_rate": predict.AIR_RATE,
+    "mount_gain": V.MOUNT_GAIN,
+    "mount_square": V.MOUNT_SQUARE,
+    "mount_damping": V.MOUNT_DAMPING,
+    "air_stiffness": V.AIR_STIFFNESS,
+    "air_rate": V.AIR_RATE,
 }
+GRIPS = {"shaker_grip": V.GRIP1, "indenter_grip": V.GRIP2}
+LEAST_GRIP = 1e-6
+"""N. With no friction at all the engine does not know which way a mass slides, and so not what more would do."""
 DRIVE_LAG = "drive_lag"
 
 
@@ -62,7 +80,7 @@ class Curve(Term):
 
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add the curve."""
-        model.tables[self.place] += values @ self.basis
+        model.free[self.place] += values @ self.basis
 
 
 @dataclass(frozen=True)
@@ -86,8 +104,8 @@ class Gain(Term):
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Change the drive's gain or phase at the recording's frequency."""
         change = self.at(scene.frequency, values)
-        if self.scalar == predict.F_A:
-            model.s[predict.F_A] *= 1.0 + change
+        if self.scalar == V.F_A:
+            model.s[V.F_A] *= 1.0 + change
         else:
             model.s[self.scalar] += change
 
@@ -101,8 +119,8 @@ class Air(Term):
 
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add the air's stiffness."""
-        model.s[predict.AIR_STIFFNESS] += values[0]
-        model.s[predict.AIR_RATE] = 1.0 / self.tau
+        model.s[V.AIR_STIFFNESS] += values[0]
+        model.s[V.AIR_RATE] = 1.0 / self.tau
 
 
 @dataclass(frozen=True)
@@ -116,9 +134,9 @@ class Mount(Term):
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add the mode."""
         turn = TWO_PI * self.frequency
-        model.s[predict.MOUNT_GAIN] += values[0]
-        model.s[predict.MOUNT_SQUARE] = turn**2
-        model.s[predict.MOUNT_DAMPING] = 2.0 * self.ratio * turn
+        model.s[V.MOUNT_GAIN] += values[0]
+        model.s[V.MOUNT_SQUARE] = turn**2
+        model.s[V.MOUNT_DAMPING] = 2.0 * self.ratio * turn
 
 
 @dataclass(frozen=True)
@@ -131,17 +149,17 @@ class Equation(Term):
 
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add what the equation says at each of its places, and of numbers of the model."""
-        s = model.s
-        around = Around(s[predict.K], s[predict.K_L], s[predict.K_L] * s[predict.RATIO])
-        p = self.parameters(values)
-        for place in acts_at(self.effect, self.form)[0]:
-            curve = curve_at(self.effect, p, place, axes.points(place), around)
-            model.tables[place] += np.log(np.clip(curve, 1e-3, 1e3)) if place in LOGARITHMS else curve
-        for name, value in scalars_of(self.effect, p).items():
+        s, p = model.s, self.parameters(values)
+        model.laws.append(Law(self.effect, self.form, p, axes))
+        numbers = scalars_of(self.effect, p)
+        for name, value in numbers.items():
             if name == DRIVE_LAG:
-                s[predict.F_A] /= math.hypot(1.0, value * scene.frequency)
+                s[V.F_A] /= math.hypot(1.0, value * scene.frequency)
             elif name in NUMBERS:
                 s[NUMBERS[name]] += value
+        for name, at in GRIPS.items():
+            if name in numbers or name in grips_of(self.effect, self.form):
+                s[at] += max(numbers.get(name, 0.0), LEAST_GRIP)
 
     def parameters(self, values: Floats) -> tuple[float, ...]:
         """All of the effect's, by their order; those that the form has not are neutral."""
@@ -195,30 +213,30 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
         low, high = np.percentile(values, [0.2, 99.8])
         return float(low), float(high)
 
-    y = np.concatenate([p[predict.Y] for p in paths])
-    beyond = np.concatenate([p[predict.Y] - r for p, r in zip(paths, rest, strict=True)])
-    v1, v2 = (np.concatenate([p[i] for p in paths]) for i in (predict.V1, predict.V2))
-    w = np.concatenate([p[predict.W] for p in paths])
+    y = np.concatenate([p[V.Y] for p in paths])
+    beyond = np.concatenate([p[V.Y] - r for p, r in zip(paths, rest, strict=True)])
+    v1, v2 = (np.concatenate([p[i] for p in paths]) for i in (V.V1, V.V2))
+    w = np.concatenate([p[V.W] for p in paths])
     deep = float(np.percentile(w[w > 0.0], 99.8))
     into = v2[w > 0.0]
     fast = float(np.percentile(np.abs(into), 99.8))
     ranges: dict[int, tuple[float, float, float]] = {
-        predict.LOADING: (0.0, deep, deep / 200.0),
-        predict.UNLOADING: (0.0, deep, deep / 200.0),
-        predict.RATE_FACTOR: (-fast, fast, fast / 8.0),
-        predict.RATE_FORCE: (-fast, fast, fast / 8.0),
-        predict.COMPACTION: (0.0, MOST_IMPACTS, 5.0),
-        predict.WAVEFORM: (0.0, TWO_PI, 1e3),
-        predict.DRIVE: (-drive, drive, 1e3 * drive),
+        LOADING: (0.0, deep, deep / 200.0),
+        UNLOADING: (0.0, deep, deep / 200.0),
+        RATE_FACTOR: (-fast, fast, fast / 8.0),
+        RATE_FORCE: (-fast, fast, fast / 8.0),
+        COMPACTION: (0.0, MOST_IMPACTS, 5.0),
+        WAVEFORM: (0.0, TWO_PI, 1e3),
+        DRIVE: (-drive, drive, 1e3 * drive),
     }
-    for place, values in ((predict.SPRING, y), (predict.SPRING_FROM_REST, beyond)):
+    for place, values in ((SPRING, y), (SPRING_FROM_REST, beyond)):
         low, high = span(values)
         ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
-    u, giving = (np.concatenate([p[i] for p in paths]) for i in (predict.U, predict.UD))
+    u, giving = (np.concatenate([p[i] for p in paths]) for i in (V.U, V.UD))
     given = max(float(np.percentile(np.abs(u), 99.8)), LEAST)
-    ranges[predict.MOUNT_SPRING] = (-given, given, 1e3 * given)
+    ranges[MOUNT_SPRING] = (-given, given, 1e3 * given)
     # dry friction changes its sign within less than a sample
-    speeds = ((predict.DAMPER, v1 - v2), (predict.GUIDE, v1), (predict.INDENTER, v2), (predict.MOUNT_DAMPER, giving))
+    speeds = ((DAMPER, v1 - v2), (GUIDE, v1), (INDENTER, v2), (MOUNT_DAMPER, giving))
     for place, values in speeds:
         largest = max(float(np.percentile(np.abs(values), 99.8)), LEAST)
         ranges[place] = (-largest, largest, largest / 300.0)
@@ -286,10 +304,10 @@ class FreeLaws:
 
     def curve(self, name: str, width: float, place: int, basis: Floats) -> Term:
         """A law of basis functions (m, GRID)."""
-        if place in (predict.DAMPER, predict.DRIVE):
+        if place in (DAMPER, DRIVE):
             # a force that is there at all times is the pressure's
             basis = _through_zero(basis)
-        if place in (*SPRINGS, predict.MOUNT_SPRING):
+        if place in (*SPRINGS, MOUNT_SPRING):
             # where a spring is at rest, no recording says
             basis = basis - basis.mean(axis=1, keepdims=True)
         free = smoothest_first(normalised(basis))
@@ -328,15 +346,15 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
 def _contact(free: FreeLaws) -> list[Family]:
     rates = _through_zero(free.splines(7))
     law = (
-        free.curve("loading", 0.05, predict.LOADING, free.over_depth(predict.LOADING)),
-        free.curve("unloading", 0.05, predict.UNLOADING, free.over_depth(predict.UNLOADING)),
+        free.curve("loading", 0.05, LOADING, free.over_depth(LOADING)),
+        free.curve("unloading", 0.05, UNLOADING, free.over_depth(UNLOADING)),
     )
     rate = (
-        free.curve("rate-factor", 0.05, predict.RATE_FACTOR, rates),
-        free.curve("rate-force", 20.0, predict.RATE_FORCE, rates),
+        free.curve("rate-factor", 0.05, RATE_FACTOR, rates),
+        free.curve("rate-force", 20.0, RATE_FORCE, rates),
     )
     # a face that has been hit for long changes no more
-    compaction = free.curve("compaction", 0.1, predict.COMPACTION, free.splines(6)[:5])
+    compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:5])
     return [
         Family("contact-law", "contact-law", law, "contact-power-law"),
         Family("contact-rate", "contact-rate", rate),
@@ -345,9 +363,9 @@ def _contact(free: FreeLaws) -> list[Family]:
 
 
 def _coupling(free: FreeLaws) -> list[Family]:
-    spring = free.curve("spring", 10.0, predict.SPRING, free.splines(8))
-    play = free.curve("spring-from-rest", 10.0, predict.SPRING_FROM_REST, free.splines(12))
-    damper = free.curve("damper", 10.0, predict.DAMPER, free.over_speed(9, predict.DAMPER))
+    spring = free.curve("spring", 10.0, SPRING, free.splines(8))
+    play = free.curve("spring-from-rest", 10.0, SPRING_FROM_REST, free.splines(12))
+    damper = free.curve("damper", 10.0, DAMPER, free.over_speed(9, DAMPER))
     return [
         Family("spring", "spring", (spring,), "stiffness-hardening"),
         Family("backlash", "backlash", (play,)),
@@ -356,8 +374,8 @@ def _coupling(free: FreeLaws) -> list[Family]:
 
 
 def _friction(free: FreeLaws) -> list[Family]:
-    guide = free.curve("guide", 10.0, predict.GUIDE, free.odd_over_speed(predict.GUIDE))
-    indenter = free.curve("indenter", 10.0, predict.INDENTER, free.odd_over_speed(predict.INDENTER))
+    guide = free.curve("guide", 10.0, GUIDE, free.odd_over_speed(GUIDE))
+    indenter = free.curve("indenter", 10.0, INDENTER, free.odd_over_speed(INDENTER))
     return [
         Family("guide-friction", "guide-friction", (guide,)),
         Family("indenter-friction", "indenter-friction", (indenter,)),
@@ -368,11 +386,11 @@ def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
     # a parabola, or what fewer frequencies can tell
     distinct = np.unique(np.round(frequencies, 1)).size
     knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
-    waveform = free.curve("waveform", 0.05, predict.WAVEFORM, _waves(range(2, 4 * free.detail + 6)))
-    limit = free.curve("drive", 10.0, predict.DRIVE, free.splines(9))
+    waveform = free.curve("waveform", 0.05, WAVEFORM, _waves(range(2, 4 * free.detail + 6)))
+    limit = free.curve("drive", 10.0, DRIVE, free.splines(9))
     droop = (
-        Gain("gain", _named("gain", knots.size, 0.05), predict.F_A, knots),
-        Gain("phase", _named("phase", knots.size, 0.05), predict.PHASE, knots),
+        Gain("gain", _named("gain", knots.size, 0.05), V.F_A, knots),
+        Gain("phase", _named("phase", knots.size, 0.05), DRIVE_PHASE, knots),
     )
     return [
         Family("drive-harmonics", "drive-harmonics", (waveform,)),
@@ -400,7 +418,7 @@ def wider(axes: Axes) -> Axes:
     """Axes over more than motions visit, but for phases and counts."""
     low, high = axes.low.copy(), axes.low + axes.step * (GRID - 1)
     for place in range(PLACES):
-        if place in (predict.WAVEFORM, predict.COMPACTION):
+        if place in (WAVEFORM, COMPACTION):
             continue
         x = axes.points(place)[[0, -1]]
         more = WIDER * (x[1] - x[0])
@@ -422,12 +440,12 @@ def on_axes(hypothesis: Hypothesis, axes: Axes) -> Hypothesis:
 
 
 STRAIGHT = {
-    predict.LOADING: "loading_stiffness",
-    predict.UNLOADING: "unloading_stiffness",
-    predict.SPRING: "stiffness",
-    predict.SPRING_FROM_REST: "stiffness",
-    predict.DAMPER: "damping",
-    predict.DRIVE: "drive_gain",
+    LOADING: "loading_stiffness",
+    UNLOADING: "unloading_stiffness",
+    SPRING: "stiffness",
+    SPRING_FROM_REST: "stiffness",
+    DAMPER: "damping",
+    DRIVE: "drive_gain",
 }
 """Constants whose law is a straight one at the same place."""
 
@@ -444,8 +462,8 @@ class Equivalent(NamedTuple):
 
 def _mounting(free: FreeLaws) -> Family:
     """What a mount that is one mass on spring and damper is corrected by: it stiffens, or its clamps are dry."""
-    spring = free.curve("mount-spring", 5.0, predict.MOUNT_SPRING, free.splines(8))
-    damper = free.curve("mount-damper", 5.0, predict.MOUNT_DAMPER, free.odd_over_speed(predict.MOUNT_DAMPER))
+    spring = free.curve("mount-spring", 5.0, MOUNT_SPRING, free.splines(8))
+    damper = free.curve("mount-damper", 5.0, MOUNT_DAMPER, free.odd_over_speed(MOUNT_DAMPER))
     return Family(MOUNT_LAW, "rock-mount-compliance", (spring, damper))
 
 
@@ -468,11 +486,11 @@ def as_stated(hypothesis: Hypothesis, values: Floats, places: Collection[int]) -
         if place in LOGARITHMS:
             more[place] = np.full(GRID, math.log(ratio))
         else:
-            more[place] = (values[i] - stated) * x if place != predict.DRIVE else x - x / ratio
-        if place == predict.LOADING:
+            more[place] = (values[i] - stated) * x if place != DRIVE else x - x / ratio
+        if place == LOADING:
             # the contact's coordinate is the force over the stiffness
             scale[list(LOGARITHMS)] *= ratio
-        if place == predict.DRIVE:
+        if place == DRIVE:
             scale[place] /= ratio
         values[i] = stated
     return Equivalent(axes._replace(scale=scale), values, more)
@@ -485,7 +503,7 @@ def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0
     if not isinstance(term, Curve) or not isinstance(other, Curve):
         return values
     columns = other.basis.T
-    if term.place in (predict.DAMPER, predict.DRIVE, *SPRINGS):
+    if term.place in (DAMPER, DRIVE, *SPRINGS):
         # of which the level is no part
         columns = np.column_stack([columns, np.ones(GRID)])
     found = np.linalg.lstsq(columns, values @ term.basis + more, rcond=None)[0]

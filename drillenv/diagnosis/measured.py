@@ -11,16 +11,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drillenv.diagnosis import predict
-from drillenv.diagnosis.coupling import look
-from drillenv.diagnosis.drill import no_columns
 from drillenv.diagnosis.laws import Curve, Equation, Family
-from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.terms import Model, Term
+from drillenv.diagnosis.tables import Axes, look
+from drillenv.diagnosis.terms import DRIVE_PHASE, Model, Term
+from drillenv.dynamics.constitutive.places import (
+    COMPACTION,
+    DAMPER,
+    DRIVE,
+    GUIDE,
+    INDENTER,
+    LOADING,
+    MOUNT_SPRING,
+    RATE_FACTOR,
+    RATE_FORCE,
+    SPRING,
+    SPRING_FROM_REST,
+    WAVEFORM,
+)
+from drillenv.dynamics.hybrid import vector_field as V
 
 POINTS = 61
 BAND = 1.96
@@ -75,7 +87,7 @@ class Visited(NamedTuple):
 
 
 def _at(model: Model, axes: Axes, place: int, x: Floats) -> Floats:
-    return look(model.tables[place], axes, place, x)
+    return look(model.curve(place), axes, place, x)
 
 
 def _ends(axes: Axes, place: int) -> tuple[float, float]:
@@ -89,16 +101,16 @@ def _contact_law(axes: Axes, top: float) -> Shown:
 
     def y(model: Model) -> Floats:
         w = np.linspace(0.0, 1.5 * top, 1500)
-        kappa = np.exp(_at(model, axes, predict.LOADING, w))
+        kappa = np.exp(_at(model, axes, LOADING, w))
         depth = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
-        return model.s[predict.K_L] * (np.interp(x, depth, w) - x)
+        return model.s[V.KL] * (np.interp(x, depth, w) - x)
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
         w = np.linspace(0.0, 1.5 * top, 1500)
-        kappa = np.exp(_at(motion.model, axes, predict.LOADING, w))
+        kappa = np.exp(_at(motion.model, axes, LOADING, w))
         depth = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
-        loading = (motion.path[predict.W] > 0.0) & (motion.path[predict.V2] > 0.0)
-        return np.interp(motion.path[predict.W][loading], w, depth), motion.contact[loading]
+        loading = (motion.path[V.W] > 0.0) & (motion.path[V.V2] > 0.0)
+        return np.interp(motion.path[V.W][loading], w, depth), motion.contact[loading]
 
     return Shown("depth, loading", "m", "N", x, y, seen, straight=True)
 
@@ -107,11 +119,11 @@ def _contact_rate(axes: Axes, fastest: float, depth: float) -> Shown:
     x = np.linspace(0.0, fastest, POINTS)
 
     def y(model: Model) -> Floats:
-        force = model.s[predict.K_L] * depth * _at(model, axes, predict.RATE_FACTOR, x)
-        return force + _at(model, axes, predict.RATE_FORCE, x)
+        force = model.s[V.KL] * depth * _at(model, axes, RATE_FACTOR, x)
+        return force + _at(model, axes, RATE_FORCE, x)
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
-        w, into = motion.path[predict.W], motion.path[predict.V2] - motion.path[predict.UD]
+        w, into = motion.path[V.W], motion.path[V.V2] - motion.path[V.UD]
         near = (into > 0.0) & (w > depth / NEAR_DEPTH) & (w < depth * NEAR_DEPTH)
         return into[near], motion.contact[near]
 
@@ -123,7 +135,7 @@ def _plain(
 ) -> Shown:
     low, high = ends
     x = np.linspace(low, high, POINTS)
-    straight = place in (predict.SPRING, predict.SPRING_FROM_REST, predict.DAMPER, predict.DRIVE)
+    straight = place in (SPRING, SPRING_FROM_REST, DAMPER, DRIVE)
     return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
 
 
@@ -133,7 +145,7 @@ def unloaded(model: Model, axes: Axes, ends: tuple[float, float]) -> float:
     Recordings tell a spring's force by how its shortening changes, and not from where that is counted.
     """
     x = np.linspace(*ends, POINTS)
-    force = model.s[predict.K] * x + _at(model, axes, predict.SPRING, x)
+    force = model.s[V.K] * x + _at(model, axes, SPRING, x)
     turns = np.flatnonzero(force[1:] * force[:-1] <= 0.0)
     inside = slice(turns[0], turns[0] + 2) if turns.size else slice(0, POINTS // LOW_END)
     slope, level = np.polyfit(x[inside], force[inside], 1)
@@ -146,37 +158,37 @@ def _spring(axes: Axes, ends: tuple[float, float], model: Model) -> Shown:
     x = np.linspace(*ends, POINTS) - zero
 
     def y(model: Model) -> Floats:
-        return _at(model, axes, predict.SPRING, x + zero) + model.s[predict.K] * zero
+        return _at(model, axes, SPRING, x + zero) + model.s[V.K] * zero
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
-        return motion.path[predict.Y] - zero, motion.push
+        return motion.path[V.Y] - zero, motion.push
 
     return Shown("shortening of the coupling", "m", "N", x, y, seen, straight=True)
 
 
 def _over_spring(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[predict.Y], motion.push
+    return motion.path[V.Y], motion.push
 
 
 def _over_play(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[predict.Y] - motion.model.s[predict.F_B] / motion.model.s[predict.K], motion.push
+    return motion.path[V.Y] - motion.model.s[V.F_B] / motion.model.s[V.K], motion.push
 
 
 def _over_damper(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[predict.V1] - motion.path[predict.V2], motion.push
+    return motion.path[V.V1] - motion.path[V.V2], motion.push
 
 
 def _over_indenter(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[predict.V2], -motion.push
+    return motion.path[V.V2], -motion.push
 
 
 def _over_phase(motion: Motion) -> tuple[Floats, Floats]:
-    return np.mod(motion.theta, 2.0 * np.pi), motion.push / motion.model.s[predict.F_A]
+    return np.mod(motion.theta, 2.0 * np.pi), motion.push / motion.model.s[V.F_A]
 
 
 def _over_drive(motion: Motion) -> tuple[Floats, Floats]:
     s = motion.model.s
-    return s[predict.F_A] * np.sin(motion.theta + s[predict.PHASE]), motion.push
+    return s[V.F_A] * np.sin(motion.theta + s[DRIVE_PHASE]), motion.push
 
 
 def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, visited: Visited) -> Shown:
@@ -184,36 +196,36 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
     axes = fitted.hypothesis.axes
     if family.group == "spring" and isinstance(terms[0], Curve):
         model = fitted.hypothesis.model(fitted.values, fitted.blocks[0].scene)
-        return _spring(axes, _ends(visited.axes, predict.SPRING), model)
+        return _spring(axes, _ends(visited.axes, SPRING), model)
     plain = {
-        "spring": (predict.SPRING, "shortening of the coupling", "m", "N", _over_spring),
-        "backlash": (predict.SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
-        "damper": (predict.DAMPER, "closing speed of the coupling", "m/s", "N", _over_damper),
-        "guide-friction": (predict.GUIDE, "speed of the shaker body", "m/s", "N", None),
-        "indenter-friction": (predict.INDENTER, "speed of the indenter", "m/s", "N", _over_indenter),
-        "drive-harmonics": (predict.WAVEFORM, "phase of the excitation", "rad", "1", _over_phase),
-        "force-limit": (predict.DRIVE, "force asked of the drive", "N", "N", _over_drive),
+        "spring": (SPRING, "shortening of the coupling", "m", "N", _over_spring),
+        "backlash": (SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
+        "damper": (DAMPER, "closing speed of the coupling", "m/s", "N", _over_damper),
+        "guide-friction": (GUIDE, "speed of the shaker body", "m/s", "N", None),
+        "indenter-friction": (INDENTER, "speed of the indenter", "m/s", "N", _over_indenter),
+        "drive-harmonics": (WAVEFORM, "phase of the excitation", "rad", "1", _over_phase),
+        "force-limit": (DRIVE, "force asked of the drive", "N", "N", _over_drive),
     }
     if family.group in plain:
         return _plain(axes, _ends(visited.axes, plain[family.group][0]), *plain[family.group])
     if family.group == "contact-law":
-        return _contact_law(axes, _ends(visited.axes, predict.LOADING)[1])
+        return _contact_law(axes, _ends(visited.axes, LOADING)[1])
     if family.group == "contact-rate":
-        return _contact_rate(axes, _ends(visited.axes, predict.RATE_FACTOR)[1], depth)
+        return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], depth)
     if family.group == "rock-compaction":
         x = np.linspace(0.0, 120.0, POINTS)
-        return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, predict.COMPACTION, x))
+        return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, COMPACTION, x))
     if family.group == "air-spring":
         x = np.linspace(0.0, 1e-3, POINTS)
-        return Shown("sudden advance of the shaker body", "m", "N", x, lambda m: m.s[predict.AIR_STIFFNESS] * x)
+        return Shown("sudden advance of the shaker body", "m", "N", x, lambda m: m.s[V.AIR_STIFFNESS] * x)
     if family.group == "rock-mount-compliance":
         x = np.linspace(0.0, 5e3, POINTS)
 
         def give(m: Model) -> Floats:
-            u = np.linspace(0.0, 4.0 * x[-1] * m.s[predict.MOUNT_GAIN] / max(m.s[predict.MOUNT_SQUARE], 1e-9), 2000)
-            held = m.s[predict.MOUNT_SQUARE] * u + _at(m, axes, predict.MOUNT_SPRING, u)
-            held -= _at(m, axes, predict.MOUNT_SPRING, u[:1])
-            return np.interp(m.s[predict.MOUNT_GAIN] * x, np.maximum.accumulate(held), u)
+            u = np.linspace(0.0, 4.0 * x[-1] * m.s[V.MOUNT_GAIN] / max(m.s[V.MOUNT_SQUARE], 1e-9), 2000)
+            held = m.s[V.MOUNT_SQUARE] * u + _at(m, axes, MOUNT_SPRING, u)
+            held -= _at(m, axes, MOUNT_SPRING, u[:1])
+            return np.interp(m.s[V.MOUNT_GAIN] * x, np.maximum.accumulate(held), u)
 
         return Shown("steady force on the rock", "N", "m", x, give)
     if isinstance(family.terms[0], Sinusoid):
@@ -225,7 +237,7 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
 
         return Shown("phase of its own", "rad", channel.unit, x, wave)
     x = np.linspace(*visited.frequencies, POINTS)
-    return Shown("frequency", "Hz", "1", x, lambda m: m.s[predict.F_A] + 0.0 * x)
+    return Shown("frequency", "Hz", "1", x, lambda m: m.s[V.F_A] + 0.0 * x)
 
 
 def indices_of(fitted: Fitted, terms: Sequence[Term]) -> list[int]:
@@ -249,10 +261,10 @@ def motions_left(fitted: Fitted) -> list[Motion]:
     for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
         values, data, inside = fitted.values, block.data, block.steady
         model = block.hypothesis.model(values, block.scene)
-        raw = block.integrate(model, own, no_columns(), 0, path=True)
+        raw = block.integrate(model, own, path=True)
         force, acceleration = (block.measured - block.read(values, raw.said) - block.disturbance(own))[:, inside]
         theta = data.phase + data.omega / data.rate * np.arange(data.force.size, dtype=np.float64)[inside]
-        push = model.s[predict.M2] * acceleration + force
+        push = model.s[V.M2] * acceleration + force
         found.append(Motion(raw.path[:, :: block.over // block.stride][:, inside], theta, model, force, push))
     return found
 
@@ -280,7 +292,7 @@ def partial_residuals(fitted: Fitted, display: Shown, y: Floats) -> dict[str, li
 def nearest_curve(fitted: Fitted, display: Shown, y: Floats, equation: Equation, values: Floats) -> Floats:
     """An equation's curve, less what is straight in its difference from the law where constants take that up."""
     axes, scene = fitted.hypothesis.axes, fitted.blocks[0].scene
-    model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+    model = Model()
     fitted.hypothesis.terms[0].contribute(fitted.hypothesis.split(fitted.values)[0], model, scene, axes)
     equation.contribute(values, model, scene, axes)
     curve = display.y(model)
@@ -335,18 +347,18 @@ def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floa
     names = {each.name for each in terms}
 
     def at(frequency: float) -> Model:
-        model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+        model = Model()
         hypothesis.terms[0].contribute(split[0], model, scene, hypothesis.axes)
         there = scene._replace(frequency=frequency)
         if display.argument == "frequency":
-            model.s[predict.F_A] = 1.0
+            model.s[V.F_A] = 1.0
         for term, own in zip(hypothesis.terms, split, strict=True):
             if term.name in names:
                 term.contribute(own, model, there, hypothesis.axes)
         return model
 
     if display.argument == "frequency":
-        return np.array([float(at(f).s[predict.F_A]) - 1.0 for f in display.x])
+        return np.array([float(at(f).s[V.F_A]) - 1.0 for f in display.x])
     return display.y(at(scene.frequency))
 
 

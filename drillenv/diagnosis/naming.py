@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.constants import Constants
 from drillenv.diagnosis.equations import acts_at
@@ -31,11 +30,13 @@ from drillenv.diagnosis.laws import (
     on_axes,
     wider,
 )
-from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
 from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Hypothesis, Model, Term
 from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR
+from drillenv.dynamics.constitutive.places import DRIVE, LOADING, SPRING, UNLOADING
+from drillenv.dynamics.hybrid import vector_field as V
 
 LEVEL = 0.08
 """Change of a gain from which a response is not level: a tenth, less what a free response is off."""
@@ -124,7 +125,7 @@ def with_more(hypothesis: Hypothesis, begun: Floats, family: Family) -> tuple[Hy
 def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
     """What some terms add to the model of a recording, the paper's constants aside."""
     names = {each.name for each in terms}
-    model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+    model = Model()
     constants = fitted.hypothesis.terms[0]
     split = fitted.hypothesis.split(fitted.values)
     constants.contribute(split[0], model, scene, fitted.hypothesis.axes)
@@ -139,7 +140,7 @@ def as_law(place: int, axes: Axes, stated: float, other: float) -> Floats:
     x, ratio = axes.points(place), other / stated
     if place in LOGARITHMS:
         return np.full(GRID, math.log(ratio))
-    return x * (ratio - 1.0) if place == predict.DRIVE else (other - stated) * x
+    return x * (ratio - 1.0) if place == DRIVE else (other - stated) * x
 
 
 def same_forces(axes: Axes, model: Model, other: Model) -> Axes:
@@ -148,15 +149,15 @@ def same_forces(axes: Axes, model: Model, other: Model) -> Axes:
     The contact's coordinate is the force over the loading stiffness, which may differ, and so may the drive's gain.
     """
     scale = axes.scale.copy()
-    scale[predict.DRIVE] *= other.s[predict.F_A] / model.s[predict.F_A]
-    scale[[predict.LOADING, predict.UNLOADING]] *= model.s[predict.K_L] / other.s[predict.K_L]
+    scale[DRIVE] *= other.s[V.F_A] / model.s[V.F_A]
+    scale[[LOADING, UNLOADING]] *= model.s[V.KL] / other.s[V.KL]
     return axes._replace(scale=scale)
 
 
 def shifted(axes: Axes, share: float) -> Axes:
     """Axes on which a spring's law stands a share of its range further on: where it has no force, no recording says."""
     low = axes.low.copy()
-    low[predict.SPRING] += share * axes.step[predict.SPRING] * (GRID - 1)
+    low[SPRING] += share * axes.step[SPRING] * (GRID - 1)
     return axes._replace(low=low)
 
 
@@ -194,6 +195,8 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     axes, constants = fitted.hypothesis.axes, fitted.hypothesis.terms[0]
     own = fitted.hypothesis.split(fitted.values)[0]
     curves = {term.place: np.linalg.pinv(term.basis.T) for term in family.terms if isinstance(term, Curve)}
+    # the same in every recording, as is what an equation says there
+    standing = {place: found[0].curve(place) for place in curves}
     widths = {term.place: np.array([each.width for each in term.unknowns]) for term in family.terms
               if isinstance(term, Curve)}  # fmt: skip
     factor = precision_of(fitted, family) if curves else None
@@ -206,13 +209,14 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
 
     def misfit(scaled: Floats) -> Floats:
         values, shift, rows = scaled[:-1] * width, scaled[-1], []
-        tables = np.zeros((PLACES, GRID))
+        off: dict[int, Floats] = {}
         for model, scene in zip(found, scenes, strict=True):
-            tried = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)))
+            tried = Model()
             constants.contribute(values[:count], tried, scene, axes)
             equation.contribute(values[count:], tried, scene, shifted(same_forces(axes, model, tried), shift))
-            tables += (tried.tables - model.tables) / len(scenes)
-            for i in (*NUMBERS.values(), predict.F_A):
+            if not off:
+                off = {place: tried.curve(place) - standing[place] for place in curves}
+            for i in (*NUMBERS.values(), V.F_A):
                 if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
                     rows.append(np.atleast_1d(np.log(max(tried.s[i], 1e-12) / model.s[i])))
         if factor is None:
@@ -220,10 +224,10 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
         change, priors = values[:count] - own, [1e-3 * shift]
         for place, i in straight.items():
             # with the law free, the constant stays where it is
-            tables[place] += as_law(place, axes, own[i], values[i])
+            off[place] = off[place] + as_law(place, axes, own[i], values[i])
             change[i] = 0.0
             priors.append((values[i] - stated[i]) / believed[i])
-        parts = [curves[place] @ tables[place] / widths[place] for place in curves]
+        parts = [curves[place] @ off[place] / widths[place] for place in curves]
         return np.concatenate([factor.T @ np.concatenate([change / width[:count], *parts]), priors])
 
     bounds = [(each.low, each.high) for each in (*constants.unknowns, *equation.unknowns)]
@@ -287,8 +291,8 @@ def kind_of_response(term: Term, values: Floats, rate: float) -> str:
 
 def kind_of_spring(fitted: Fitted, family: Family) -> str:
     """What a spring's law is: one whose force rises less and less saturates, one whose force rises more hardens."""
-    x = fitted.hypothesis.axes.points(predict.SPRING)
-    law = law_of(fitted, family.terms, fitted.blocks[0].scene).tables[predict.SPRING]
+    x = fitted.hypothesis.axes.points(SPRING)
+    law = law_of(fitted, family.terms, fitted.blocks[0].scene).curve(SPRING)
     bend = np.linalg.lstsq(np.column_stack([np.ones(GRID), x, x * np.abs(x)]), law)[0][2]
     return "force-limit" if bend < 0.0 else "stiffness-hardening"
 

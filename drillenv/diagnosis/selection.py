@@ -17,7 +17,6 @@ from drillenv.diagnosis.drill import Recorded
 from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, axes_at, fit_to, joined, kept_of, noise_left, resized
 from drillenv.diagnosis.laws import MOUNT_LAW, Curve, Family, Gain, as_stated, families, moved_to, on_axes
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
-from drillenv.diagnosis.predict import MOUNT_GAIN, STATES
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, Kind, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
@@ -33,6 +32,7 @@ from drillenv.diagnosis.thresholds import (
     POSSIBLE,
     UNCONFIRMED,
 )
+from drillenv.dynamics.hybrid.vector_field import MOUNT_GAIN, OWN
 
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
@@ -129,7 +129,7 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
     known = fitted.fit.shared.size
     unknowns = hypothesis.unknowns
     shared = np.concatenate([fitted.fit.shared, [each.value / each.width for each in unknowns[known:]]])
-    size = STATES if any(term.remembers for term in hypothesis.terms) else 4
+    size = OWN if any(term.remembers for term in hypothesis.terms) else 4
 
     def quadratic(block: Recorded, own: Floats):
         kept = kept_of(own, block.windows)

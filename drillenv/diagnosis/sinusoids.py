@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.diagnosis.laws import Family
-from drillenv.diagnosis.predict import MODULATION, ON_INDENTER, ON_SHAKER, Axes
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import Axes
 from drillenv.diagnosis.terms import Model, Scene, Term, Unknown, WaveColumn
+from drillenv.dynamics.hybrid.sensitivity import ON_INDENTER, ON_SHAKER, ON_STIFFNESS
 
 TWO_PI = 2.0 * math.pi
 
@@ -34,7 +35,7 @@ class Channel(NamedTuple):
 
 SHAKER = Channel(0, "F1", 10.0, "N", ON_SHAKER)
 INDENTER = Channel(1, "F2", 1.0, "N", ON_INDENTER)
-STIFFNESS = Channel(2, "eps", 0.02, "1", MODULATION)
+STIFFNESS = Channel(2, "eps", 0.02, "1", ON_STIFFNESS)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drillenv.diagnosis.predict import GRID, PLACES, SCALARS, Axes
+from drillenv.diagnosis.equations import Around, acts_at, curve_at
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import GRID, PLACES, Axes
+from drillenv.dynamics.constitutive.places import UNLOADING
+from drillenv.dynamics.forms import Form
+from drillenv.dynamics.hybrid.vector_field import GRIP2, KL, KU, K
 
 RUNNING = 1.3
 """s for which a rig that "had been running" is taken to have run before a recording."""
@@ -31,21 +35,67 @@ class Scene(NamedTuple):
     fresh: bool
 
 
+SCALARS = GRIP2 + 2
+"""Those of the engine, up to the grips, and the phase of the drive."""
+DRIVE_PHASE = SCALARS - 1
+"""rad, by which the drive is ahead of the excitation."""
+
+
+class Law(NamedTuple):
+    """An equation of the library in a model."""
+
+    effect: str
+    form: Form
+    parameters: tuple[float, ...]
+    """All of the effect's, by their order."""
+    axes: Axes
+
+
+def _nothing() -> Floats:
+    return np.zeros((PLACES, GRID))
+
+
 @dataclass
 class Model:
-    """The arrays that the integrator takes, of one recording."""
+    """What a motion follows, of one recording."""
 
-    s: Floats
-    tables: Floats
-    """(PLACES, GRID)."""
+    s: Floats = field(default_factory=lambda: np.zeros(SCALARS))
+    """(SCALARS,) in the engine's order."""
+    free: Floats = field(default_factory=_nothing)
+    """(PLACES, GRID) free laws on their axes."""
+    laws: list[Law] = field(default_factory=list)
     turn: Floats = field(default_factory=lambda: np.zeros(3))
     sine: Floats = field(default_factory=lambda: np.zeros(3))
     cosine: Floats = field(default_factory=lambda: np.zeros(3))
     impacts: float = 0.0
+    _curves: dict[int, Floats] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def curve(self, place: int) -> Floats:
+        """(GRID,) all laws at a place, on its axis; of the contact logarithms of factors over w."""
+        if place not in self._curves:
+            self._curves[place] = self._curve(place)
+        return self._curves[place]
+
+    def _curve(self, place: int) -> Floats:
+        total = self.free[place].copy()
+        around = Around(float(self.s[K]), float(self.s[KL]), float(self.s[KU]))
+        for law in self.laws:
+            if place in acts_at(law.effect, law.form)[0]:
+                curve = curve_at(law.effect, law.parameters, place, law.axes.points(place), around)
+                total += np.log(np.clip(curve, 1e-3, 1e3)) if place <= UNLOADING else curve
+        return total
+
+    def curves(self) -> Floats:
+        """(PLACES, GRID) the same at every place."""
+        return np.array([self.curve(place) for place in range(PLACES)])
+
+    def bends(self, place: int) -> bool:
+        """Whether any law acts at a place."""
+        return bool(np.any(self.free[place])) or any(place in acts_at(e.effect, e.form)[0] for e in self.laws)
 
 
 class WaveColumn(NamedTuple):
-    """A column of the integrator for a wave, and how parameters of its term change it."""
+    """A column for a wave, and how parameters of its term change it."""
 
     kind: int
     turn: float
@@ -139,7 +189,7 @@ class Hypothesis:
         """Of a recording, at values of the parameters in their own units."""
         # a rig that had been running is taken to have run for a little more than the second that it must
         impacts = 0.0 if scene.fresh else RUNNING * scene.frequency
-        model = Model(np.zeros(SCALARS), np.zeros((PLACES, GRID)), impacts=impacts)
+        model = Model(impacts=impacts)
         for term, own in zip(self.terms, self.split(values), strict=True):
             term.contribute(own, model, scene, self.axes)
         return model

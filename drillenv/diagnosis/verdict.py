@@ -11,10 +11,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
-from drillenv.diagnosis import predict
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import Recorded, first_states, no_columns
+from drillenv.diagnosis.drill import Recorded, first_states
 from drillenv.diagnosis.fitting import (
     FREE,
     GRADUAL,
@@ -32,13 +31,14 @@ from drillenv.diagnosis.fitting import (
 )
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
-from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.selection import Step, Tested, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats, Limits, minimise
+from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, LEFT_OF_ALL, SEVERAL
+from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 
@@ -261,7 +261,7 @@ def weighed(there: Settled, noise: Noise, fitted: Fitted) -> Settled:
 
 def settled_block(each: Conditioned, fitted: Fitted, level: Noise, beginning: Beginning | None = None) -> Settled:
     """A recording's block with its own unknowns at their best; they begin as known, or as first guessed."""
-    size = predict.STATES if any(term.remembers for term in fitted.hypothesis.terms) else 4
+    size = V.OWN if any(term.remembers for term in fitted.hypothesis.terms) else 4
     windows = len(each.starts) - 1
     own = resized(first_states(each), windows, size, 4, 0)
     behind = slice(windows * size, windows * size + 2)
@@ -365,7 +365,7 @@ def chi_square(blocks: Sequence[Settled]) -> float:
     """Reduced chi-square of the samples of recordings, their own unknowns counted."""
     total, freedom = 0.0, 0
     for block, own, shared in blocks:
-        raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own, no_columns(), 0)
+        raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own)
         residual = block.residual(shared * block.widths, raw.said, own)
         total += float((residual**2).sum())
         freedom += block.samples - own.size

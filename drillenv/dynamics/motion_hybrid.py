@@ -36,8 +36,8 @@ from drillenv.dynamics.hybrid.compiled import YES
 from drillenv.dynamics.hybrid.events import set_corners
 from drillenv.dynamics.hybrid.model import Motion, Start, extra_places, fresh_motion, model_for, motion_at, start_at
 from drillenv.dynamics.hybrid.run import RATES, SAMPLE_COLUMNS, integrate, lost_by
-from drillenv.dynamics.hybrid.runge_kutta import BEGIN, FLAGS, SPARE_SLOPE, STANDING, make_scratch
-from drillenv.dynamics.hybrid.sensitivity import VARIED, law_slope, run_varied
+from drillenv.dynamics.hybrid.runge_kutta import FLAGS, SPARE_SLOPE, STANDING, make_scratch
+from drillenv.dynamics.hybrid.sensitivity import by_state, law_slope, make_variation, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
     CARRY,
@@ -47,7 +47,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     ORIGIN,
     PEAK,
     REGIME,
-    ROTATION_SHARE,
     THETA,
     THETA_CARRY,
     TIME,
@@ -346,21 +345,19 @@ class Section:
 
     def tangent(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
         """(d, d) derivative of the return map, by the variational equations along one run."""
-        if self.model.s[ROTATION_SHARE] != 0.0:
-            # the rock's stiffness goes with the moment of landing, which the equations do not vary
-            return self.tangent_by_differences(place, point, periods)
         begin = self.moved(place, point)
-        counted, n = regime_of(place), self.model.tally
-        columns = np.zeros((point.size, VARIED, n))
-        columns[np.arange(point.size), int(BEGIN), self.columns] = self.scales
+        counted, columns = regime_of(place), by_state(point.size)
+        scales = self.scales.copy()
         # w counts as this place's regime does, which need not be that of the point
         other = place.copy()
         other.z[W] = point[3] * self.scales[3]
-        columns[3, int(BEGIN), W] *= self._recounted(other, counted, regime_of(begin))[1]
+        scales[3] *= self._recounted(other, counted, regime_of(begin))[1]
         d, z = begin
-        status, now = run_varied(self.model, d, z, periods * self.duration, RTOL, columns, self.scratch)
+        work = make_variation(self.model, point.size)
+        work.v[0, self.columns, np.arange(point.size)] = scales
+        status, now = run_varied(self.model, d, z, periods * self.duration, RTOL, columns, work, self.scratch)
         self._check(status, now)
-        varied = columns[:, int(BEGIN), self.columns].T
+        varied = work.v[0][self.columns]
         varied[3] *= self._recounted(begin, regime_of(begin), counted)[1]
         return varied / self.scales[:, None]
 

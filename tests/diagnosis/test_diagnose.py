@@ -12,10 +12,10 @@ from drillenv.checks import InputError
 from drillenv.corrected import read_model
 from drillenv.diagnosis.condition import condition, white_noise
 from drillenv.diagnosis.constants import constants
-from drillenv.diagnosis.drill import STATE_WIDTHS, Recorded, first_states, no_columns
+from drillenv.diagnosis.drill import STATE_WIDTHS, Recorded, first_states
 from drillenv.diagnosis.fitting import FREE, noise_of
-from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.report import diagnose
+from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel, record
@@ -79,7 +79,7 @@ def test_states_read_from_the_measurements_start_the_model_near_them():
     shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
     values = shared * block.widths
     model = block.hypothesis.model(values, block.scene)
-    said = block.integrate(model, first_states(data), no_columns(), 0).said
+    said = block.integrate(model, first_states(data)).said
     left = (block.measured - block.read(values, said))[0, block.steady]
     # the peaks are of 1.5 kN; without any fit the model follows them within a tenth of their rms
     assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.steady] ** 2))

@@ -10,9 +10,9 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, OUTSIDE, Site, concealed, of_library
 from drillenv.diagnosis.laws import equations, families
 from drillenv.diagnosis.naming import effect_of, places_of
-from drillenv.diagnosis.predict import GRID, PLACES, Axes
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.sensing import textbook_sensors
+from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.effects import REGISTRY
 
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from drillenv.diagnosis import predict
 from drillenv.diagnosis.constants import NAMES, constants
-from drillenv.diagnosis.coupling import look
 from drillenv.diagnosis.laws import Curve, axes_of, families, moved_to, on_axes, wider
 from drillenv.diagnosis.selection import most_likely_prior
+from drillenv.diagnosis.tables import GRID, MARGIN, look
 from drillenv.diagnosis.terms import Hypothesis
+from drillenv.dynamics.constitutive.places import WAVEFORM
+from drillenv.dynamics.hybrid.vector_field import OWN, Y
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig
 
@@ -19,8 +20,8 @@ NOMINAL = {name: Nominal(value, 0.02 * value, "SI") for name, value in zip(NAMES
 def made_axes():
     """Over ranges such as a rig visits."""
     rng = np.random.default_rng(0)
-    path = rng.uniform(-1.0, 1.0, (predict.STATES, 4000)) * np.array([1e-3, 0.3, 0.3, 1e-4, 0.0, 0.0, 0.0])[:, None]
-    path[predict.Y] += 2e-3
+    path = rng.uniform(-1.0, 1.0, (OWN, 4000)) * np.array([1e-3, 0.3, 0.3, 1e-4, 0.0, 0.0, 0.0])[:, None]
+    path[Y] += 2e-3
     return axes_of([path], 400.0, [2e-3])
 
 
@@ -37,7 +38,7 @@ def curve(group, axes=AXES, **more) -> Curve:
 @pytest.mark.parametrize("group", ["spring", "damper", "contact-law", "force-limit", "guide-friction"])
 def test_functions_of_a_law_are_orthogonal_and_rise_in_roughness(group):
     term = curve(group)
-    products = term.basis @ term.basis.T / predict.GRID
+    products = term.basis @ term.basis.T / GRID
     assert np.allclose(products, np.eye(len(term.basis)), atol=1e-6)
     assert np.all(np.diff(term.roughness) > -1e-12)
 
@@ -49,7 +50,7 @@ def test_noise_alone_is_smoothed_away_and_a_smooth_law_is_kept():
     # all but the smoothest, which is nearly straight
     assert np.all(prior[1:] < 0.1 * 2.0)
     # a cubic, whose coefficients are as smooth as can be
-    x = np.linspace(-1.0, 1.0, predict.GRID)
+    x = np.linspace(-1.0, 1.0, GRID)
     true = np.linalg.lstsq(term.basis.T, 20.0 * x**3)[0]
     errors = []
     for _ in range(50):
@@ -75,7 +76,7 @@ def test_a_law_is_the_same_on_other_axes_and_straight_beyond(group):
     end = after.axes.points(term.place)[-1]
     assert end > x[-1] + 0.4 * np.ptp(x)
     position = (np.arcsinh(end / AXES.scale[term.place]) - AXES.low[term.place]) / AXES.step[term.place]
-    expected = law[-1] + (min(position, predict.GRID - 1 + predict.MARGIN) - (predict.GRID - 1)) * (law[-1] - law[-2])
+    expected = law[-1] + (min(position, GRID - 1 + MARGIN) - (GRID - 1)) * (law[-1] - law[-2])
     assert (own @ after.terms[1].basis)[-1] == pytest.approx(expected, abs=1e-6 * np.ptp(law))
 
 
@@ -89,7 +90,7 @@ def test_the_same_law_is_found_among_finer_functions():
 
 def test_a_waveform_of_the_lowest_resolution_holds_crossover_distortion():
     """No force while the drive changes its sign: a coarser waveform would lose to a curve over force."""
-    theta = AXES.points(predict.WAVEFORM)
+    theta = AXES.points(WAVEFORM)
     drive = np.sin(theta)
     lost = np.clip(drive, -0.15, 0.15)
     # what is of the first order, and constant, is of constants

@@ -115,6 +115,8 @@ SCALARS: Mapping[str, str] = {
     "indenter_vibration": "N, the same on the indenter",
     "vibration_rate": "rad/s",
     "vibration_phase": "rad, at the start",
+    "vibration_detuning": "rad/s, by which that on the indenter is faster",
+    "vibration_lead": "rad, by which it is ahead at the start",
     "rotation_share": "1, by which the rock's stiffness goes with the cosine of the angle at which a contact begins",
     "rotation_rate": "rad/s",
     "rotation_phase": "rad, at the start",

@@ -28,6 +28,10 @@ _FIT = np.linalg.inv(np.vander(_NODES, increasing=True))
 _CHECK = np.vander(_BETWEEN, DEGREE + 1, increasing=True)
 
 
+class NotSmoothError(ValueError):
+    """A law that cannot be tabulated."""
+
+
 class Table(NamedTuple):
     """A law as a table."""
 
@@ -61,7 +65,7 @@ def tabulate(law: Callable[[Floats], Floats], low: float, high: float, knots: It
         knots: Where it is known to have corners, or to need pieces of their own.
 
     Raises:
-        ValueError: values that are not finite, or a law that is nowhere smooth.
+        NotSmoothError: values that are not finite, or a law that is nowhere smooth.
     """
     edges = sorted({low, high, min(max(0.0, low), high), *(each for each in knots if low < each < high)})
     most = len(edges) + MOST_CORNERS
@@ -72,7 +76,7 @@ def tabulate(law: Callable[[Floats], Floats], low: float, high: float, knots: It
         edges = sorted({*edges, *corners.tolist()})
         if len(edges) > most:
             break
-    raise ValueError(f"it has more than {MOST_CORNERS} corners from {low:g} to {high:g}")
+    raise NotSmoothError(f"it has more than {MOST_CORNERS} corners from {low:g} to {high:g}")
 
 
 def toward_zero(high: float) -> list[float]:
@@ -91,7 +95,7 @@ def _refined(law: Callable[[Floats], Floats], edges: Floats) -> tuple[Floats, Fl
         x[:, 0], x[:, DEGREE] = left, right
         values = np.asarray(law(x.ravel()), dtype=float).reshape(x.shape)
         if not np.all(np.isfinite(values)):
-            raise ValueError("it has values that are not finite")
+            raise NotSmoothError("it has values that are not finite")
         sizes = np.abs(values).max(axis=1)
         largest = max(largest, float(sizes.max()))
         fitted = values[:, : DEGREE + 1] @ _FIT.T
@@ -107,7 +111,7 @@ def _refined(law: Callable[[Floats], Floats], edges: Floats) -> tuple[Floats, Fl
         left, middle, right = (each[~good & ~stuck] for each in (left, middle, right))
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
         if sum(map(len, starts)) + left.size > MOST_PIECES:
-            raise ValueError(f"it has more than {MOST_CORNERS} corners, or none where it is smooth")
+            raise NotSmoothError(f"it has more than {MOST_CORNERS} corners, or none where it is smooth")
     begin, pieces = np.concatenate(starts), np.concatenate(kept)
     order = np.argsort(begin)
     return np.append(begin[order], edges[-1]), pieces[order], np.unique(corners)

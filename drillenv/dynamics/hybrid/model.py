@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, number
 from drillenv.dynamics.constitutive import places
-from drillenv.dynamics.constitutive.places import CODE, OVER, PLACES, SCALARS, Law, Shape
-from drillenv.dynamics.constitutive.tables import Table, tabulate, toward_zero
-from drillenv.dynamics.effects import Chosen
+from drillenv.dynamics.constitutive.places import CODE, OVER, PLACES, SCALARS, Shape
+from drillenv.dynamics.constitutive.tables import NotSmoothError, Table, tabulate, toward_zero
+from drillenv.dynamics.effects import Chosen, Effect
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.compiled import address_of
@@ -79,22 +80,32 @@ def tables_of(chosen: Chosen, stiffness: float) -> tuple[tuple[int, int, Table],
     found = []
     for name, given in chosen.effect.laws.items():
         place = PLACES[CODE[name]]
-        shape = given if isinstance(given, Shape) else Shape(given)
-        law = functools.partial(_valued, shape.law, chosen.values, stiffness, CODE[name] == places.RATE_FACTOR)
-        x = np.linspace(place.low, place.high, 101)
-        if np.array_equal(law(x), x if isinstance(given, Shape) else np.zeros_like(x)):
+        law, x = (given.law if isinstance(given, Shape) else given), np.linspace(place.low, place.high, 101)
+        if np.array_equal(law(x, chosen.values, stiffness), x if isinstance(given, Shape) else np.zeros_like(x)):
             continue
         try:
-            knots = toward_zero(place.high) if isinstance(given, Shape) else []
-            found.append((CODE[name], OVER.index(shape.over), tabulate(law, place.low, place.high, knots)))
-        except ValueError as error:
+            found.append(law_table(chosen.effect, name, chosen.values, stiffness))
+        except NotSmoothError as error:
             raise InputError(f"the law of {chosen.effect.name} at {name} cannot be followed: {error}") from None
     return tuple(found)
 
 
-def _valued(law: Law, values: tuple[float, ...], stiffness: float, factor: bool, x: np.ndarray) -> np.ndarray:
-    """A law with its parameters; a factor on the rock's force makes it no pull."""
-    return np.maximum(law(x, values, stiffness), -1.0) if factor else law(x, values, stiffness)
+def law_table(effect: Effect, name: str, values: tuple[float, ...], stiffness: float) -> tuple[int, int, Table]:
+    """Place, what it is over, and table of the law of an effect at the place of this name.
+
+    Raises:
+        NotSmoothError: it cannot be tabulated.
+    """
+    given, place = effect.laws[name], PLACES[CODE[name]]
+    shape = given if isinstance(given, Shape) else Shape(given)
+
+    def law(x: np.ndarray) -> np.ndarray:
+        found = shape.law(x, values, stiffness)
+        # a factor on the rock's force makes it no pull
+        return np.maximum(found, -1.0) if CODE[name] == places.RATE_FACTOR else found
+
+    knots = toward_zero(place.high) if isinstance(given, Shape) else []
+    return CODE[name], OVER.index(shape.over), tabulate(law, place.low, place.high, knots)
 
 
 def check_effects(effects: tuple[Chosen, ...]) -> None:
@@ -130,7 +141,6 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
     )  # fmt: skip
     s[V.LONGEST] = LONGEST_SHARE / setting.frequency
     _set_scalars(s, effects)
-    laws, pieces, corners = _flat_laws(effects, rig.stiffness)
     terms, parameters, sizes = [], [0.0], []
     for index, chosen in enumerate(effects):
         effect = chosen.effect
@@ -138,33 +148,71 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
             terms.append((address_of(effect.term), OWN + len(sizes), len(parameters), index))
             parameters += chosen.values
             sizes += [extra.size for extra in effect.extras if not extra.kept]
+    laws = [Placed(*law, index) for index, chosen in enumerate(effects) for law in tables_of(chosen, rig.stiffness)]
+    if len(laws) > V.MOST_LAWS:
+        raise InputError(f"the effects have {len(laws)} laws: give effects with {V.MOST_LAWS} at most")
+    on_rock = any("contact" in c.effect.balances and c.effect.term is not None and not c.is_neutral for c in effects)
+    at = [law.place for law in laws]
+    s[V.PULLS] = on_rock or places.RATE_FORCE in at or at.count(places.RATE_FACTOR) > 1
+    s[V.RATED] = on_rock or places.RATE_FORCE in at or places.RATE_FACTOR in at
+    s[V.EFFECTS] = len(effects)
+    return assemble(s, laws, Terms(np.array(terms, dtype=float), np.array(parameters), sizes))
+
+
+class Placed(NamedTuple):
+    """A law at a place."""
+
+    place: int
+    over: int
+    """Of a contact's shape what it is over: see ``places.OVER``."""
+    table: Table
+    effect: int
+    """Whose energy is counted."""
+
+
+class Terms(NamedTuple):
+    """Compiled terms from outside."""
+
+    rows: np.ndarray
+    """(terms, TERM_COLUMNS)"""
+    parameters: np.ndarray
+    sizes: list[float]
+    """Of their states."""
+
+
+NO_TERMS = Terms(np.zeros((0, V.TERM_COLUMNS)), np.zeros(1), [])
+
+
+def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> Model:
+    """The model of these scalars (SIZE,), which are completed by how many of each there are, and laws.
+
+    The scalars from M1 to the last that effects set, LONGEST, the owners from BY_MOUNT on, EFFECTS, PULLS and RATED
+    have to be there.
+    """
+    # the shapes of the contact stand first, in the order given
+    laws = sorted(laws, key=lambda each: each.place > places.UNLOADING)
+    table, pieces, corners = _flat_laws(laws)
     force = s[V.F_A] + s[V.F_B]
-    depth = force / rock.loading_stiffness
-    speed = depth * math.sqrt(rock.loading_stiffness / rig.indenter_mass)
+    depth = force / s[V.KL]
+    speed = depth * math.sqrt(s[V.KL] / s[V.M2])
     # the shaker body moves as much less as it is heavier
-    slow = speed * rig.indenter_mass / rig.shaker_mass
-    sizes = [force / rig.stiffness, slow, speed, depth, depth, speed, 0.01 * force, *sizes]
-    s[V.LAWS], s[V.TERMS], s[V.TALLY], s[V.EFFECTS] = len(laws), len(terms), len(sizes), len(effects)
-    at = [int(row[V.PLACE]) for row in laws]
-    terms_on_rock = any(
-        "contact" in c.effect.balances and c.effect.term is not None and not c.is_neutral for c in effects
-    )
-    s[V.PULLS] = terms_on_rock or places.RATE_FORCE in at or at.count(places.RATE_FACTOR) > 1
-    s[V.RATED] = terms_on_rock or places.RATE_FORCE in at or places.RATE_FACTOR in at
-    parts = {V.CORNERS_AT: corners, V.TERMS_AT: np.array(terms, dtype=float),
-             V.PARAMETERS_AT: np.array(parameters), V.SIZES_AT: np.array(sizes)}  # fmt: skip
+    slow = speed * s[V.M2] / s[V.M1]
+    sizes = [force / s[V.K], slow, speed, depth, depth, speed, 0.01 * force, *terms.sizes]
+    s[V.LAWS], s[V.TERMS], s[V.TALLY] = len(laws), len(terms.rows), len(sizes)
     # a mount and the air stand behind the rig's own states: without them those do not move
-    moving = V.OWN if s[V.MOUNT_SQUARE] or s[V.AIR_STIFFNESS] or len(sizes) > V.OWN else V.U
-    s[V.MOVING] = max(moving, len(sizes) if len(sizes) > V.OWN else 0)
+    moving = V.OWN if s[V.MOUNT_SQUARE] or s[V.AIR_RATE] or terms.sizes else V.U
+    s[V.MOVING] = max(moving, len(sizes) if terms.sizes else 0)
     room = np.zeros((V.MOST_LAWS, V.LAW_COLUMNS))
-    room[: len(laws)] = laws
+    room[: len(laws)] = table
     front = [s, room.ravel(), pieces.ravel()]
+    parts = {V.CORNERS_AT: corners, V.TERMS_AT: terms.rows, V.PARAMETERS_AT: terms.parameters,
+             V.SIZES_AT: np.array(sizes)}  # fmt: skip
     at = sum(part.size for part in front)
     for scalar, part in parts.items():
         s[scalar] = at
         at += part.size
     flat = np.concatenate([*front, *(part.ravel() for part in parts.values())])
-    return Model(flat, flat[: V.SIZE], laws, len(sizes), len(effects))
+    return Model(flat, flat[: V.SIZE], table, len(sizes), int(s[V.EFFECTS]))
 
 
 def _set_scalars(s: np.ndarray, effects: tuple[Chosen, ...]) -> None:
@@ -190,24 +238,20 @@ def _set_scalars(s: np.ndarray, effects: tuple[Chosen, ...]) -> None:
                 s[V.BY_MOUNT + at] = index
 
 
-def _flat_laws(effects: tuple[Chosen, ...], stiffness: float):
-    """Tables of all laws as the kernels read them: (laws, LAW_COLUMNS), (pieces, PIECE_COLUMNS), (corners, 2)."""
-    laws: list[tuple[int, ...]] = []
-    pieces: list[Any] = [np.zeros((0, V.PIECE_COLUMNS))]
-    corners: list[Any] = [np.zeros((0, 2))]
-    found = [(*law, index) for index, chosen in enumerate(effects) for law in tables_of(chosen, stiffness)]
-    # the shapes of the contact stand first, in the order chosen
-    found.sort(key=lambda each: each[0] > places.UNLOADING)
-    for place, over, table, index in found:
+def _flat_laws(laws: Sequence[Placed]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tables as the kernels read them: (laws, LAW_COLUMNS), (pieces, PIECE_COLUMNS), (corners, 2)."""
+    rows: list[tuple[int, ...]] = []
+    pieces: list[np.ndarray] = [np.zeros((0, V.PIECE_COLUMNS))]
+    corners: list[np.ndarray] = [np.zeros((0, 2))]
+    first, first_corner = 0, 0
+    for place, over, table, index in laws:
         at = 1 + np.flatnonzero(table.corners)
-        first, first_corner = sum(map(len, pieces)), sum(map(len, corners))
-        laws.append((place, first, len(table.pieces), first_corner, at.size, index, over, first))
+        rows.append((place, first, len(table.pieces), first_corner, at.size, index, over, first))
         pieces.append(np.column_stack([table.knots[:-1], 0.5 * np.diff(table.knots), table.pieces]))
         corners.append(np.column_stack([table.knots[at], at]))
-    table = np.array(laws, dtype=np.int64).reshape(-1, V.LAW_COLUMNS)
-    if len(table) > V.MOST_LAWS:
-        raise InputError(f"the effects have {len(table)} laws: give effects with {V.MOST_LAWS} at most")
-    return table, np.concatenate(pieces), np.concatenate(corners)
+        first, first_corner = first + len(table.pieces), first_corner + at.size
+    flat = np.array(rows, dtype=np.int64).reshape(-1, V.LAW_COLUMNS)
+    return flat, np.concatenate(pieces), np.concatenate(corners)
 
 
 def fresh_motion(model: Model, phase: float = 0.0) -> Motion:

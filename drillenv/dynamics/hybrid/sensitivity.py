@@ -1,23 +1,31 @@
-"""How a motion changes with the state that it starts from: variational equations, and saltation at events.
+"""How a motion changes with its start and with the model: variational equations, and saltation at events.
 
-Along a step the variational equations S' = J S are taken by the same Runge-Kutta pair as the motion, with the Jacobian
-at its stages, so that what comes out is the derivative of the step itself. Where an event ends a step they jump:
+Along a step the variational equations S' = J S + f are solved by collocation at the Gauss-Lobatto points of it, of
+order eight like the motion's own steps (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, Springer,
+1996, Section IV.5): five Jacobians a step, and one linear system for all columns, which gives S at these points as
+well. f is what a column changes the rates by at a given state: nothing for a state at the beginning; for a
+scalar of the model, a law, a force of a frequency of its own what they enter. Where an event ends a step S jumps:
 
-    S+ = R S + (f+ - R f-) (grad g . S) / (grad g . f-)
+    S+ = R S + g + (f+ - R f-) (grad h . S) / (grad h . f-)
 
-with g the guard, R the derivative of the reset map, f- and f+ the rates before and behind it (M. di Bernardo et al.,
-Piecewise-smooth Dynamical Systems, Springer, 2008, Section 2.5). That the stiffness of a turning rock goes with the
-moment of landing is not varied.
+with h the guard, R and g the derivatives of the reset map by the state and by the column, f- and f+ the rates before
+and behind it (M. di Bernardo et al., Piecewise-smooth Dynamical Systems, Springer, 2008, Section 2.5). The factor on
+the rock's stiffness, which holds for a whole contact, goes with the moment of landing.
 """
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
 from drillenv.dynamics.constitutive.places import (
+    COMPACTION,
     DAMPER,
+    DRIVE,
     GUIDE,
     INDENTER,
     MOUNT_DAMPER,
@@ -27,46 +35,72 @@ from drillenv.dynamics.constitutive.places import (
     SPRING,
     SPRING_FROM_REST,
     UNLOADING,
+    WAVEFORM,
 )
+from drillenv.dynamics.constitutive.tables import DEGREE
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
+from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare
-from drillenv.dynamics.hybrid.compiled import INNER, NO, YES, apart
+from drillenv.dynamics.hybrid.compiled import INLINED, INNER, NO, YES, apart, constants
 from drillenv.dynamics.hybrid.model import Model
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
     BEGIN_D,
     BEGIN_SLOPE,
     END,
-    FIRST_SLOPE,
+    FLAGS,
     INNER_STATE,
-    NODES,
+    LENGTH,
     PUSH,
+    READY,
     SPARE,
     SPARE_SLOPE,
     STAGES,
-    add_up,
     copy,
+    follow,
+    inside,
 )
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
     AIR_STIFFNESS,
+    COUNT_CONTACT,
     CUT,
+    DRIVE_LAG,
+    F_A,
+    F_B,
+    FIRST,
     GRIP1,
+    GRIP2,
+    HALF,
+    KL,
+    KU,
+    LAST_PIECE,
     LAWS,
+    LEFT,
     M1,
     M2,
     MOUNT_DAMPING,
     MOUNT_GAIN,
     MOUNT_SQUARE,
+    MOVING,
     OMEGA,
+    OVER_KIND,
+    PIECE_COLUMNS,
+    PIECES_AT,
     PLACE,
     REGIME,
+    ROTATION_CONTACT,
+    ROTATION_PHASE,
+    ROTATION_RATE,
+    ROTATION_SHARE,
     SIZES_AT,
     SLIDE1,
     TALLY,
     TERMS,
     THETA,
+    TIME,
+    TURN,
     UD,
     V1,
     V2,
@@ -78,7 +112,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     Y,
     argument,
     law_at,
-    law_force,
     look,
     rates,
     shape_argument,
@@ -90,8 +123,116 @@ DIFFERENCE = 1e-6
 """Share of a state's size for differences, where a term from outside acts."""
 STANDING = 1e-12
 """A guard that is approached at less than this share of its usual rate is not crossed."""
-VARIED = 19
-"""Rows of a column: its slopes at the stages, and its states, numbered as in ``scratch``."""
+
+# Kinds of columns beside the scalars of the model (>= 0, their places in Model.s)
+STATE, PHASE, LAW, ON_SHAKER, ON_INDENTER, ON_STIFFNESS, COUNTED = constants(-1, -2, -3, -4, -5, -6, -7)
+"""By the state at the beginning, and nothing after it; the phase of the excitation in rad; a law; a force in N on one
+of the masses, and a share of the rock's stiffness where a contact begins, that go with a sinusoid; impacts made before
+on this face."""
+SINE, COSINE, TIMES_TIME = 0, 1, 2
+"""Codes of sinusoids; with TIMES_TIME added, the same times the time in s."""
+
+
+class Columns(NamedTuple):
+    """By what a motion is differentiated. Arrays have shape (columns,)."""
+
+    kind: np.ndarray
+    """A scalar's place, or one of the kinds."""
+    which: np.ndarray
+    """Of a law its number in the model; of a sinusoid its code."""
+    first: np.ndarray
+    """Of a law, the row of ``pieces`` that goes with its first piece."""
+    turn: np.ndarray
+    """rad/s, of a sinusoid, whose phase is 0 at time 0."""
+    pieces: np.ndarray
+    """(rows, DEGREE + 1) by what laws change, on the pieces that they have in the model."""
+
+
+def by_state(count: int) -> Columns:
+    """So many columns by the state at the beginning, and no other."""
+    none = np.zeros(count, dtype=np.int64)
+    return Columns(np.full(count, STATE), none, none, np.zeros(count), np.zeros((0, DEGREE + 1)))
+
+
+# What a linearisation leaves behind: in ``lin``
+(
+    ROCK_W,
+    ROCK_V,
+    LAW_FORCE,
+    LAW_W,
+    BY_FACTOR,
+    BY_KL,
+    BY_KU,
+    GAIN,
+    BY_F_A,
+    BY_PHASE,
+    BY_LAG,
+    FROM_REST,
+    ROCK,
+) = range(13)
+LINEAR = 13
+"""Derivatives of the rock's force by w and by the speed into it; the force of the rock law and its derivatives by w, by
+the logarithm of the factor on its stiffness, by k_l and by k_u; what it is multiplied with; derivatives of the drive by
+F_a, by its phase and by its lag; slope of the curves over the shortening beyond that at rest; the rock's force."""
+# and in ``at`` (laws, 3)
+AT_PIECE, AT_T, CHAIN = range(3)
+"""Which piece of a law its argument is in, and where in it; of a contact's shape, by what the force of the rock law
+changes with it."""
+# Rows of what columns change the rates by: of v1, v2, u', q, and the rock's force
+BY_V1, BY_V2, BY_UD, BY_Q, BY_ROCK = range(5)
+FORCINGS = 5
+
+
+def _collocation(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Lobatto points (count,) from 0 to 1, and (count, count) integrals from 0 to them of Lagrange's polynomials.
+
+    The points are the ends and the extrema of Legendre's polynomial of degree ``count - 1``.
+    """
+    inner = np.polynomial.legendre.Legendre.basis(count - 1).deriv().roots().real
+    points = 0.5 + 0.5 * np.concatenate([[-1.0], np.sort(inner), [1.0]])
+    power = np.arange(count)
+    return points, points[:, None] ** (power + 1) / (power + 1) @ np.linalg.inv(np.vander(points, increasing=True))
+
+
+POINTS = 5
+LAST = POINTS - 1
+POINTS_AT, INTEGRALS = _collocation(POINTS)
+
+
+class Variation(NamedTuple):
+    """Working memory for columns beside a motion."""
+
+    v: np.ndarray
+    """(POINTS, states, columns) derivatives of the states at the points of a step, those where the motion is first."""
+    j: np.ndarray
+    """(POINTS, states, states) Jacobians."""
+    lin: np.ndarray
+    """(POINTS, LINEAR)"""
+    at: np.ndarray
+    """(laws, 3)"""
+    force: np.ndarray
+    """(POINTS, FORCINGS, columns)"""
+    factor: np.ndarray
+    """(columns,) logarithmic derivative of the factor on the rock's stiffness, of the present contact."""
+    change: np.ndarray
+    """(columns,) what the reset map changes w by beside the state."""
+    system: np.ndarray
+    """(LAST * states, LAST * states + columns) equations of a step, and their right-hand sides."""
+
+
+def make_variation(model: Model, columns: int) -> Variation:
+    """Fresh working memory for so many columns."""
+    n = model.tally
+    return Variation(
+        np.zeros((POINTS, n, columns)),
+        np.zeros((POINTS, n, n)),
+        np.zeros((POINTS, LINEAR)),
+        np.zeros((max(len(model.laws), 1), 3)),
+        np.zeros((POINTS, FORCINGS, columns)),
+        np.zeros(columns),
+        np.zeros(columns),
+        np.zeros((LAST * n, LAST * n + columns)),
+    )
 
 
 @njit(**INNER)
@@ -106,46 +247,122 @@ def law_slope(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
 
 
 @njit(**INNER)
-def jacobian(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.ndarray, scratch: np.ndarray):
-    """Write the derivative of the rates by the dynamic states into j (n, n)."""
+def look_closely(m: np.ndarray, d: np.ndarray, law: int, x: float, at: np.ndarray):
+    """Value and slope of a law, and where in its table that is, into row ``law`` of ``at``."""
+    apart()
+    value, slope = look(m, d, law, x)
+    piece = law_at(m, law, LAST_PIECE)
+    begin = PIECES_AT + piece * PIECE_COLUMNS
+    at[law, AT_PIECE] = piece - law_at(m, law, FIRST)
+    at[law, AT_T] = (x - m[begin + LEFT]) / m[begin + HALF] - 1.0
+    return value, slope
+
+
+@njit(**INNER)
+def piece_value(pieces: np.ndarray, row: int, t: float) -> float:
+    """A polynomial of a table; beyond its ends straight on."""
+    inside = min(max(t, -1.0), 1.0)
+    value, slope = 0.0, 0.0
+    for power in range(DEGREE, -1, -1):
+        slope = value + inside * slope
+        value = pieces[row, power] + inside * value
+    return value + slope * (t - inside)
+
+
+@njit(**INNER)
+def linearise_law(m: np.ndarray, d: np.ndarray, regime: int, w: float, at: np.ndarray, lin: np.ndarray):
+    """The force of the rock law at the depth w and its derivatives: LAW_FORCE to BY_KU."""
+    apart()
+    for i in range(LAW_FORCE, BY_KU + 1):
+        lin[i] = 0.0
+    if regime == FREE:
+        return
+    depth, rate, by_stiffness, by_ratio = w, 1.0, 0.0, 0.0
+    for i in range(int(m[LAWS])):
+        if law_at(m, i, PLACE) > UNLOADING:
+            break
+        if law_at(m, i, PLACE) != regime - ON_LOADING:
+            continue
+        scale = shape_scale(m, d, i, regime)
+        value, slope = look_closely(m, d, i, depth * scale, at)
+        for before in range(i):
+            at[before, CHAIN] *= slope
+        at[i, CHAIN] = stiffness(m, d, regime) / scale
+        # by the logarithm of its scale, which holds the whole stiffness, or k_u / k_l
+        off, over = slope * depth - value / scale, law_at(m, i, OVER_KIND)
+        by_stiffness, by_ratio = by_stiffness * slope, by_ratio * slope
+        if over == 2:
+            by_stiffness += off
+        elif over == 1 and regime == ON_UNLOADING:
+            by_ratio += off
+        depth, rate = value / scale, rate * slope
+    k = stiffness(m, d, regime)
+    lin[LAW_FORCE], lin[LAW_W], lin[BY_FACTOR] = k * depth, k * rate, k * (depth + by_stiffness)
+    if regime == ON_LOADING:
+        lin[BY_KL] = lin[BY_FACTOR] / m[KL]
+    else:
+        lin[BY_KL] = -k * by_ratio / m[KL]
+        lin[BY_KU] = (lin[BY_FACTOR] + k * by_ratio) / m[KU]
+
+
+@njit(**INNER)
+def linearise(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.ndarray, at, lin):
+    """The derivative of the rates by the dynamic states, into j (n, n), and what else forcings need.
+
+    Of a rig without terms from outside, ``shift`` s after its discrete state.
+    """
     apart()
     n, regime = int(m[TALLY]), int(d[REGIME])
-    if m[TERMS] > 0.0:
-        jacobian_by_differences(m, d, shift, z, j, scratch)
-        return
     for a in range(n):
         for b in range(n):
             j[a, b] = 0.0
-    theta, law, law_w = d[THETA] + m[OMEGA] * shift, law_force(m, d, regime, z[W]), 0.0
-    if regime != FREE:
-        law_w = law_slope(m, d, regime, z[W])
-    factor, factor_v, extra_v, stiff, damped = 1.0, 0.0, 0.0, m[K], m[C]
+    theta = d[THETA] + m[OMEGA] * shift
+    linearise_law(m, d, regime, z[W], at, lin)
+    factor, factor_v, extra, extra_v, stiff, damped = 1.0, 0.0, 0.0, 0.0, m[K], m[C]
     held1, held2, mount_u, mount_v = 0.0, 0.0, 0.0, 0.0
+    sine, cosine = math.sin(theta), math.cos(theta)
+    ratio = m[DRIVE_LAG] * m[OMEGA] / TURN
+    passed = 1.0 / math.sqrt(1.0 + ratio * ratio)
+    shape, shape_theta = sine * passed, cosine * passed
+    bent, lin[FROM_REST] = 0.0, 0.0
     for i in range(int(m[LAWS])):
         place = law_at(m, i, PLACE)
-        if place <= UNLOADING or (regime == FREE and place <= RATE_FORCE):
+        if place <= UNLOADING or place == COMPACTION or (regime == FREE and place <= RATE_FORCE):
             continue
-        value, slope = look(m, d, i, argument(m, d, i, z, theta))
+        value, slope = look_closely(m, d, i, argument(m, d, i, z, theta), at)
         if place == RATE_FACTOR:
             factor += value
             factor_v += slope
         elif place == RATE_FORCE:
+            extra += value
             extra_v += slope
-        elif place in (SPRING, SPRING_FROM_REST):
+        elif place == SPRING:
             stiff += slope
+        elif place == SPRING_FROM_REST:
+            stiff += slope
+            lin[FROM_REST] += slope
         elif place == DAMPER:
             damped += slope
         elif place == GUIDE:
             held1 += slope
         elif place == INDENTER:
             held2 += slope
+        elif place == WAVEFORM:
+            shape += value
+            shape_theta += slope
+        elif place == DRIVE:
+            bent += slope
         elif place == MOUNT_SPRING:
             mount_u += slope
         elif place == MOUNT_DAMPER:
             mount_v += slope
-    rock_w, rock_v = law_w * factor, law * factor_v + extra_v
+    lin[BY_F_A], lin[BY_PHASE] = shape + bent * sine, m[F_A] * (shape_theta + bent * cosine)
+    lin[BY_LAG] = -m[F_A] * sine * passed**3 * ratio * m[OMEGA] / TURN
+    rock_w, rock_v, lin[GAIN] = lin[LAW_W] * factor, lin[LAW_FORCE] * factor_v + extra_v, factor
+    lin[ROCK] = lin[LAW_FORCE] * factor + extra
     if regime == FREE or d[CUT] != 0.0:
-        rock_w, rock_v = 0.0, 0.0
+        rock_w, rock_v, lin[GAIN], lin[ROCK] = 0.0, 0.0, 0.0, 0.0
+    lin[ROCK_W], lin[ROCK_V] = rock_w, rock_v
     j[Y, V1], j[Y, V2] = 1.0, -1.0
     j[V1, Y], j[V1, V1], j[V1, V2], j[V1, Q] = -stiff, -(damped + held1), damped, -1.0
     j[V2, Y], j[V2, V1], j[V2, V2] = stiff, damped, -(damped + held2 + rock_v)
@@ -164,8 +381,8 @@ def jacobian(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.nd
 
 
 @njit(**INNER)
-def jacobian_by_differences(m, d, shift, z, j, scratch):
-    """The same by central differences, for what a term from outside does."""
+def linearise_by_differences(m, d, shift, z, j, scratch):
+    """The Jacobian by central differences, for what a term from outside does."""
     apart()
     n, sizes = int(m[TALLY]), int(m[SIZES_AT])
     for b in range(n):
@@ -180,43 +397,285 @@ def jacobian_by_differences(m, d, shift, z, j, scratch):
 
 
 @njit(**INNER)
-def vary_step(m: np.ndarray, h: float, j: np.ndarray, columns: np.ndarray, scratch: np.ndarray):
-    """Take the columns (columns, VARIED, n) over the step just taken: from their row ``BEGIN`` to the same.
+def sinusoid(code: int, turn: float, time: float) -> float:
+    """A sinusoid at a time in s."""
+    value = math.cos(turn * time) if code % TIMES_TIME == COSINE else math.sin(turn * time)
+    return value * time if code >= TIMES_TIME else value
+
+
+@njit(**INNER)
+def find_forcings(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, columns, work, k: int):
+    """By what columns change the rates at the state z, of slope dz, at a point of a step; behind :func:`linearise`."""
+    apart()
+    at, lin, factor, force = work.at, work.lin[k], work.factor, work.force[k]
+    closing, time = z[V1] - z[V2], d[TIME] + shift
+    for c in range(columns.kind.size):
+        kind, push1, push2, mount, air = columns.kind[c], 0.0, 0.0, 0.0, 0.0
+        rock = lin[BY_FACTOR] * factor[c] * lin[GAIN]
+        if kind == LAW:
+            law = columns.which[c]
+            place = law_at(m, law, PLACE)
+            value, acts = 0.0, place != COMPACTION
+            if place <= RATE_FORCE:
+                acts = lin[GAIN] != 0.0 and (place > UNLOADING or place == int(d[REGIME]) - ON_LOADING)
+            if acts:
+                value = piece_value(columns.pieces, columns.first[c] + int(at[law, AT_PIECE]), at[law, AT_T])
+            if place <= UNLOADING:
+                rock += value * at[law, CHAIN] * lin[GAIN]
+            elif place == RATE_FACTOR:
+                rock += value * lin[LAW_FORCE]
+            elif place == RATE_FORCE:
+                rock += value
+            elif place <= DAMPER:
+                push1, push2 = -value, value
+            elif place == GUIDE:
+                push1 = -value
+            elif place <= DRIVE:
+                push2 = value * (-1.0 if place == INDENTER else (m[F_A] if place == WAVEFORM else 1.0))
+            else:
+                mount = -value
+        elif kind == ON_SHAKER:
+            push1 = sinusoid(columns.which[c], columns.turn[c], time)
+        elif kind == ON_INDENTER:
+            push2 = sinusoid(columns.which[c], columns.turn[c], time)
+        elif kind == PHASE:
+            push2 = lin[BY_PHASE]
+        elif kind == F_A:
+            push2 = lin[BY_F_A]
+        elif kind == DRIVE_LAG:
+            push2 = lin[BY_LAG]
+        elif kind == M1:
+            push1 = -dz[V1]
+        elif kind == M2:
+            push2 = -dz[V2]
+        elif kind == K:
+            # with k and F_b the shortening at rest changes, and with it the curves beyond it
+            push2 = z[Y] + lin[FROM_REST] * m[F_B] / (m[K] * m[K])
+            push1 = -push2
+        elif kind == F_B:
+            push2 = -lin[FROM_REST] / m[K]
+            push1 = 1.0 - push2
+        elif kind == C:
+            push1, push2 = -closing, closing
+        elif kind == KL:
+            rock += lin[BY_KL] * lin[GAIN]
+        elif kind == KU:
+            rock += lin[BY_KU] * lin[GAIN]
+        elif kind == GRIP1:
+            push1 = -d[SLIDE1]
+        elif kind == GRIP2:
+            push2 = -d[SLIDE1 + 1]
+        elif kind == MOUNT_GAIN:
+            mount = lin[ROCK]
+        elif kind == MOUNT_SQUARE:
+            mount = -z[U]
+        elif kind == MOUNT_DAMPING:
+            mount = -z[UD]
+        elif kind == AIR_STIFFNESS:
+            air = z[V1]
+        elif kind == AIR_RATE:
+            air = -z[Q]
+        force[BY_V1, c], force[BY_V2, c] = push1 / m[M1], (push2 - rock) / m[M2]
+        force[BY_UD, c], force[BY_Q, c], force[BY_ROCK, c] = mount + m[MOUNT_GAIN] * rock, air, rock
+    for mass in range(2):
+        if m[GRIP1 + mass] > 0.0 and d[SLIDE1 + mass] == 0.0:
+            for c in range(columns.kind.size):
+                force[BY_V1 + mass, c] = 0.0
+
+
+@njit(**INNER)
+def vary_step(m: np.ndarray, s: float, columns, work, scratch: np.ndarray):
+    """Take the columns over the step just taken, of which s is the motion's: ``v`` at the points of it.
 
     The slopes of the step are still in ``scratch``, and the discrete state of its beginning.
     """
     apart()
-    n, d = int(m[TALLY]), scratch[BEGIN_D]
-    for stage in range(STAGES):
-        if stage == 0:
-            copy(scratch[BEGIN], scratch[INNER_STATE])
+    d, length, n = scratch[BEGIN_D], scratch[FLAGS, LENGTH], int(m[MOVING])
+    if scratch[FLAGS, READY] == 0.0:
+        follow(m, d, length, scratch)
+        scratch[FLAGS, READY] = 1.0
+    for k in range(POINTS):
+        shift = POINTS_AT[k] * s
+        inside(int(m[TALLY]), shift / length, scratch, SPARE)
+        rates(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+        if m[TERMS] > 0.0:
+            copy(scratch[SPARE], scratch[INNER_STATE])
+            linearise_by_differences(m, d, shift, scratch[INNER_STATE], work.j[k], scratch)
         else:
-            add_up(stage, h, FIRST_SLOPE, n, INNER_STATE, scratch)
-        jacobian(m, d, h * NODES[stage], scratch[INNER_STATE], j, scratch)
-        for c in range(columns.shape[0]):
-            own = columns[c]
-            state = BEGIN if stage == 0 else INNER_STATE
-            if stage > 0:
-                add_up(stage, h, FIRST_SLOPE, n, INNER_STATE, own)
-            for a in range(n):
-                total = 0.0
-                for b in range(n):
-                    total += j[a, b] * own[state, b]
-                own[stage, a] = total
-    for c in range(columns.shape[0]):
-        add_up(STAGES, h, FIRST_SLOPE, n, END, columns[c])
-        copy(columns[c, END], columns[c, BEGIN])
+            linearise(m, d, shift, scratch[SPARE], work.j[k], work.at, work.lin[k])
+            find_forcings(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], columns, work, k)
+    set_up(s, n, work)
+    solve(LAST * n, work)
+    v, system, count = work.v, work.system, columns.kind.size
+    for k in range(1, POINTS):
+        for a in range(n):
+            for c in range(count):
+                v[k, a, c] = system[(k - 1) * n + a, LAST * n + c]
+        for a in range(n, v.shape[1]):
+            for c in range(count):
+                v[k, a, c] = v[0, a, c]
 
 
 @njit(**INNER)
-def saltate(m, before, z, slope, d, after, columns, scratch):
-    """Let the columns jump at an event: from the state (before, z), of rates ``slope``, to (d, after)."""
+def set_up(s: float, n: int, work):
+    """The equations S_k = S_0 + s sum_l a_kl (J_l S_l + f_l) of a step of length s, for k and l from 1 on."""
     apart()
-    n, one, two = int(m[TALLY]), int(before[REGIME]), int(d[REGIME])
-    stretch, guard, normal = 1.0, False, False
+    v, j, force, system, count = work.v, work.j, work.force, work.system, work.factor.size
+    for k in range(1, POINTS):
+        for a in range(n):
+            row = system[(k - 1) * n + a]
+            for i in range(LAST * n):
+                row[i] = 0.0
+            for other in range(1, POINTS):
+                share = s * INTEGRALS[k, other]
+                for b in range(n):
+                    row[(other - 1) * n + b] = -share * j[other, a, b]
+            row[(k - 1) * n + a] += 1.0
+            right = row[LAST * n :]
+            for c in range(count):
+                right[c] = v[0, a, c]
+            for b in range(n):
+                share = s * INTEGRALS[k, 0] * j[0, a, b]
+                if share != 0.0:
+                    for c in range(count):
+                        right[c] += share * v[0, b, c]
+            which = BY_V1 if a == V1 else (BY_V2 if a == V2 else (BY_UD if a == UD else (BY_Q if a == Q else -1)))
+            if which >= 0:
+                for other in range(POINTS):
+                    share = s * INTEGRALS[k, other]
+                    for c in range(count):
+                        right[c] += share * force[other, which, c]
+
+
+@njit(**INNER)
+def solve(size: int, work):
+    """Solve the equations by Gaussian elimination with partial pivoting; most of their elements are zero."""
+    apart()
+    system = work.system
+    wide = size + work.factor.size
+    for i in range(size):
+        pivot = i
+        for k in range(i + 1, size):
+            if abs(system[k, i]) > abs(system[pivot, i]):
+                pivot = k
+        if abs(system[pivot, i]) > 4.0 * abs(system[i, i]):
+            for c in range(i, wide):
+                system[i, c], system[pivot, c] = system[pivot, c], system[i, c]
+        own = system[i]
+        for k in range(i + 1, size):
+            other = system[k]
+            if other[i] != 0.0:
+                share = other[i] / own[i]
+                for c in range(i + 1, wide):
+                    other[c] -= share * own[c]
+    for i in range(size - 1, -1, -1):
+        own = system[i]
+        for k in range(i + 1, size):
+            share, other = own[k], system[k]
+            if share != 0.0:
+                for c in range(size, wide):
+                    own[c] -= share * other[c]
+        share = 1.0 / own[i]
+        for c in range(size, wide):
+            own[c] *= share
+
+
+@njit(**INNER)
+def carry_over(work):
+    """Take the columns to the end of the step that :func:`vary_step` has taken."""
+    v = work.v
+    for a in range(v.shape[1]):
+        for c in range(v.shape[2]):
+            v[0, a, c] = v[LAST, a, c]
+
+
+@njit(**INNER)
+def vary_factor(m: np.ndarray, d: np.ndarray, columns, count: int, scale: float, crossed: float, work):
+    """Logarithmic derivatives of the stiffness' factor by the columns, where a contact begins.
+
+    ``crossed`` is the speed into the rock, over its size as ``scale`` (0: the moment does not depend on the columns).
+    """
+    apart()
+    v, factor, time = work.v, work.factor, d[TIME]
+    turned = d[ROTATION_CONTACT] + m[ROTATION_PHASE]
+    around = 1.0 + m[ROTATION_SHARE] * math.cos(turned)
+    for c in range(count):
+        later = -v[0, W, c] * scale / crossed if scale != 0.0 else 0.0
+        swing = -m[ROTATION_SHARE] * math.sin(turned) * m[ROTATION_RATE] * later
+        if columns.kind[c] == ON_STIFFNESS:
+            swing += sinusoid(columns.which[c], columns.turn[c], time)
+        elif columns.kind[c] == ROTATION_SHARE:
+            swing += math.cos(turned)
+        elif columns.kind[c] == ROTATION_PHASE:
+            swing -= m[ROTATION_SHARE] * math.sin(turned)
+        elif columns.kind[c] == ROTATION_RATE:
+            swing -= m[ROTATION_SHARE] * math.sin(turned) * time
+        factor[c] = swing / around
+    for law in range(int(m[LAWS])):
+        if law_at(m, law, PLACE) == COMPACTION:
+            value, slope = look_closely(m, d, law, d[COUNT_CONTACT], work.at)
+            for c in range(count):
+                change = 0.0
+                if columns.kind[c] == COUNTED:
+                    change = slope
+                elif columns.kind[c] == LAW and columns.which[c] == law:
+                    row = columns.first[c] + int(work.at[law, AT_PIECE])
+                    change = piece_value(columns.pieces, row, work.at[law, AT_T])
+                factor[c] += change / (1.0 + value)
+
+
+@njit(**INNER)
+def begin_factor(m: np.ndarray, d: np.ndarray, columns, work):
+    """The same where a motion begins, at a moment that no column moves."""
+    for c in range(columns.kind.size):
+        work.factor[c] = 0.0
+    if int(d[REGIME]) != FREE:
+        vary_factor(m, d, columns, columns.kind.size, 0.0, 1.0, work)
+
+
+@njit(**INNER)
+def law_changes(m: np.ndarray, d: np.ndarray, w: float, sign: float, columns, work):
+    """Add to ``change`` by what columns change the force of the rock law at the depth w, times ``sign``."""
+    apart()
+    lin, at = work.lin[0], work.at
+    linearise_law(m, d, int(d[REGIME]), w, at, lin)
+    for c in range(columns.kind.size):
+        kind, more = columns.kind[c], lin[BY_FACTOR] * work.factor[c]
+        if kind == KL:
+            more += lin[BY_KL]
+        elif kind == KU:
+            more += lin[BY_KU]
+        elif kind == LAW:
+            law = columns.which[c]
+            if law_at(m, law, PLACE) == int(d[REGIME]) - ON_LOADING:
+                row = columns.first[c] + int(at[law, AT_PIECE])
+                more += at[law, CHAIN] * piece_value(columns.pieces, row, at[law, AT_T])
+        work.change[c] += sign * more
+
+
+@njit(**INNER)
+def saltate(m, before, z, slope, d, after, grazing: float, columns, work, scratch):
+    """Let the columns jump at an event: from the state (before, z), of rates ``slope``, to (d, after).
+
+    A contact that is approached at no more than ``grazing`` m/s jumps less: one that is grazed comes a little earlier
+    or not at all, and what is infinite to first order says nothing of that.
+    """
+    apart()
+    n, count, one, two = int(m[MOVING]), columns.kind.size, int(before[REGIME]), int(d[REGIME])
+    v, stretch, guard, normal = work.v, 1.0, False, False
+    for c in range(count):
+        work.change[c] = 0.0
     if one != two:
         guard, normal = True, one == FREE or two == FREE
-        if not normal:
+        if not normal and m[TERMS] == 0.0:
+            law_changes(m, before, z[W], 1.0, columns, work)
+            steep = work.lin[0, LAW_W]
+            law_changes(m, d, after[W], -1.0, columns, work)
+            # a law that begins without any stiffness has none at the face
+            stretch = steep / work.lin[0, LAW_W] if work.lin[0, LAW_W] > 0.0 else 1.0
+            for c in range(count):
+                work.change[c] = work.change[c] / work.lin[0, LAW_W] if work.lin[0, LAW_W] > 0.0 else 0.0
+        elif not normal:
             stretch = law_slope(m, before, one, z[W]) / law_slope(m, d, two, after[W])
     mass = -1
     for i in range(2):
@@ -224,52 +683,86 @@ def saltate(m, before, z, slope, d, after, columns, scratch):
             mass = i
     if not guard and mass < 0:
         return
-    crossed = _across(slope, normal, guard, mass)
-    if abs(crossed) > STANDING * max(1.0, abs(slope[V2])):
-        for c in range(columns.shape[0]):
-            own = columns[c, BEGIN]
-            share = _across(own, normal, guard, mass) / crossed
-            for i in range(n):
-                r = stretch if i == W else 1.0
-                own[i] = r * own[i] + (scratch[BEGIN_SLOPE, i] - r * slope[i]) * share
-
-
-@njit(**INNER)
-def _across(x, normal: bool, guard: bool, mass: int) -> float:
-    """What of a vector lies across the guard: of the contact, of its turn, or of a mass that stops."""
+    high, low = (W, -1) if normal else (V2, UD)
     if not guard:
-        return x[V1 + mass]
-    return x[W] if normal else x[V2] - x[UD]
+        high, low = V1 + mass, -1
+    crossed = slope[high] - (slope[low] if low >= 0 else 0.0)
+    scale = 0.0
+    if abs(crossed) > STANDING * max(1.0, abs(slope[V2])):
+        scale = crossed * crossed / (crossed * crossed + grazing * grazing) if normal else 1.0
+    if one == FREE:
+        vary_factor(m, d, columns, count, scale, crossed, work)
+    for c in range(count):
+        share = (v[0, high, c] - (v[0, low, c] if low >= 0 else 0.0)) * scale
+        share = share / crossed if scale != 0.0 else 0.0
+        for i in range(n):
+            r = stretch if i == W else 1.0
+            jump = (scratch[BEGIN_SLOPE, i] - r * slope[i]) * share
+            v[0, i, c] = r * v[0, i, c] + jump
+        v[0, W, c] += work.change[c]
+    if two == FREE:
+        for c in range(count):
+            work.factor[c] = 0.0
+
+
+@njit(**INLINED)
+def borrow_columns(columns: Columns) -> Columns:
+    """The same, of arrays that nobody counts references to."""
+    return Columns(
+        borrowed(columns.kind),
+        borrowed(columns.which),
+        borrowed(columns.first),
+        borrowed(columns.turn),
+        borrowed(columns.pieces),
+    )
+
+
+@njit(**INLINED)
+def borrow_variation(work: Variation) -> Variation:
+    """The same, of arrays that nobody counts references to."""
+    return Variation(
+        borrowed(work.v),
+        borrowed(work.j),
+        borrowed(work.lin),
+        borrowed(work.at),
+        borrowed(work.force),
+        borrowed(work.factor),
+        borrowed(work.change),
+        borrowed(work.system),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run_varied(model: Model, d, z, seconds: float, rtol: float, columns, scratch):
+def run_varied(model: Model, d, z, seconds: float, rtol: float, columns: Columns, work: Variation, scratch):
     """Run for ``seconds`` from the state (d, z), which is left at the end, with columns beside it.
 
     Args:
         model, d, z: The model and the state, of a motion that has begun.
         seconds, rtol: How long, and the relative error of a step.
-        columns: (columns, VARIED, tally) derivatives of the state in their rows ``BEGIN``, and there at the end.
+        columns: By what the motion is differentiated; by states alone where a term from outside acts.
+        work: From :func:`make_variation`. The first of its ``v`` are the derivatives of the state, now and at the end.
         scratch: From ``make_scratch``.
 
     Returns:
         Status and the time reached.
     """
-    m = borrowed(model.flat)
-    d, z, scratch, columns = borrowed(d), borrowed(z), borrowed(scratch), borrowed(columns)
-    j, slope, now = np.zeros((int(m[TALLY]), int(m[TALLY]))), np.zeros(z.size), 0.0
+    m, d, z, scratch = borrowed(model.flat), borrowed(d), borrowed(z), borrowed(scratch)
+    columns, work = borrow_columns(columns), borrow_variation(work)
+    slope, now = np.zeros(z.size), 0.0
     prepare(m, d, z, NO, scratch)
+    begin_factor(m, d, columns, work)
     while now < seconds:
         copy(scratch[BEGIN_SLOPE], slope)
         status, taken = advance(m, d, z, seconds - now, rtol, YES, scratch)
         if status != WENT_ON:
             return status, now
         if taken > 0.0:
-            vary_step(m, taken, j, columns, scratch)
+            vary_step(m, taken, columns, work, scratch)
+            carry_over(work)
             # the end of the step, before the reset map
             copy(scratch[STAGES], slope)
-            saltate(m, scratch[BEGIN_D], scratch[END], slope, d, z, columns, scratch)
+            saltate(m, scratch[BEGIN_D], scratch[END], slope, d, z, 0.0, columns, work, scratch)
         else:
-            saltate(m, scratch[BEGIN_D], scratch[BEGIN], slope, d, z, columns, scratch)
+            saltate(m, scratch[BEGIN_D], scratch[BEGIN], slope, d, z, 0.0, columns, work, scratch)
         now = seconds if taken >= seconds - now else now + taken
     return WENT_ON, now

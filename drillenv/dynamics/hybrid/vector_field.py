@@ -92,6 +92,8 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     INDENTER_VIBRATION,
     VIBRATION_RATE,
     VIBRATION_PHASE,
+    VIBRATION_DETUNING,
+    VIBRATION_LEAD,
     ROTATION_SHARE,
     ROTATION_RATE,
     ROTATION_PHASE,
@@ -430,10 +432,13 @@ def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
         on_indenter += lost
         dz[given + int(m[BY_LAG])] += lost * v2
     if int(m[BY_VIBRATION]) >= 0:
-        wave = math.sin(d[VIBRATION] + s[VIBRATION_RATE] * shift + s[VIBRATION_PHASE])
-        on_shaker += s[SHAKER_VIBRATION] * wave
-        on_indenter += s[INDENTER_VIBRATION] * wave
-        dz[given + int(m[BY_VIBRATION])] += wave * (s[SHAKER_VIBRATION] * v1 + s[INDENTER_VIBRATION] * v2)
+        turned = d[VIBRATION] + s[VIBRATION_RATE] * shift + s[VIBRATION_PHASE]
+        push1 = s[SHAKER_VIBRATION] * math.sin(turned)
+        turned += s[VIBRATION_DETUNING] * (d[TIME] + shift) + s[VIBRATION_LEAD]
+        push2 = s[INDENTER_VIBRATION] * math.sin(turned)
+        on_shaker += push1
+        on_indenter += push2
+        dz[given + int(m[BY_VIBRATION])] += push1 * v1 + push2 * v2
     if int(m[BY_AIR]) >= 0:
         on_shaker -= z[Q]
         dz[given + int(m[BY_AIR])] -= z[Q] * v1

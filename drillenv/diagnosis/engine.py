@@ -1,0 +1,146 @@
+"""A model of the diagnosis as the hybrid engine takes it, and by what its motion is differentiated."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drillenv.diagnosis.equations import acts_at
+from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import Axes, change_of, table_of
+from drillenv.diagnosis.terms import DRIVE_PHASE, SCALARS, Law, Model
+from drillenv.dynamics.constitutive.places import (
+    PLACES,
+    RATE_FACTOR,
+    RATE_FORCE,
+    UNLOADING,
+    Shape,
+)
+from drillenv.dynamics.constitutive.tables import DEGREE, Table
+from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.forms import Form
+from drillenv.dynamics.hybrid import model as hybrid
+from drillenv.dynamics.hybrid import vector_field as V
+from drillenv.dynamics.hybrid.model import Placed, assemble, law_table
+from drillenv.dynamics.hybrid.sensitivity import LAW, STATE, Columns
+
+_NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+_FIT = np.linalg.inv(np.vander(_NODES, increasing=True))
+INWARD = 1e-6
+"""Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
+
+
+class Column(NamedTuple):
+    """By what a motion is differentiated: see :mod:`drillenv.dynamics.hybrid.sensitivity`."""
+
+    kind: int
+    which: int = 0
+    turn: float = 0.0
+    place: int = -1
+    change: Floats | None = None
+    """(GRID,) of a free law's values, at a place."""
+    law: int = -1
+    pieces: Floats | None = None
+    """By what the pieces of an equation's law change, of this number among the model's."""
+
+
+@functools.lru_cache(maxsize=512)
+def equation_tables(
+    effect: str, form: Form, p: tuple[float, ...], stiffness: float
+) -> tuple[tuple[int, int, Table], ...]:
+    """(place, what it is over, table) of the laws of an equation.
+
+    Raises:
+        NotSmoothError: one of them is no curve with these parameters.
+    """
+    acting = sorted(acts_at(effect, form)[0])
+    names = [PLACES[place].name for place in acting]
+    return tuple(law_table(REGISTRY[effect], name, p, stiffness) for name in names if name in REGISTRY[effect].laws)
+
+
+def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> list[Floats]:
+    """(pieces, DEGREE + 1) by what each of the tables changes from an equation and a stiffness to others."""
+    found = []
+    for place, _over, table in equation_tables(law.effect, law.form, law.parameters, stiffness):
+        given = REGISTRY[law.effect].laws[PLACES[place].name]
+        shape = given.law if isinstance(given, Shape) else given
+        middle, half = 0.5 * (table.knots[1:] + table.knots[:-1]), 0.5 * np.diff(table.knots)
+        x = (middle[:, None] + half[:, None] * np.clip(_NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
+        change = shape(x, other.parameters, beside) - shape(x, law.parameters, stiffness)
+        found.append(change.reshape(len(half), -1) @ _FIT.T)
+    return found
+
+
+class Assembled(NamedTuple):
+    """A model for the engine, and where the diagnosis' laws are in it."""
+
+    model: hybrid.Model
+    free: dict[int, int]
+    """The law of the engine by the place of a free law."""
+    stated: list[int]
+    """The laws of the engine that the equations' are, in the order in which :func:`equation_tables` has them."""
+    phase: float
+    """rad, of the drive at the excitation's phase 0."""
+
+
+def assembled(model: Model, axes: Axes, omega: float, wanted: Sequence[int] = ()) -> Assembled:
+    """The model under an excitation of ``omega`` rad/s.
+
+    Free laws at places that are ``wanted`` are in it even where they are nothing.
+    """
+    s = np.zeros(V.SIZE)
+    s[: SCALARS - 1] = model.s[:-1]
+    s[V.OMEGA], s[V.LONGEST] = omega, hybrid.LONGEST_SHARE * 2.0 * math.pi / omega
+    _set_waves(s, model)
+    laws = [
+        Placed(place, int(place == UNLOADING), table_of(model.free[place], axes, place), 0)
+        for place in range(len(PLACES))
+        if place in wanted or np.any(model.free[place])
+    ]
+    count, k = len(laws), float(s[V.K])
+    for law in model.laws:
+        laws += [Placed(*each, 0) for each in equation_tables(law.effect, law.form, law.parameters, k)]
+    places = [law.place for law in laws]
+    s[V.PULLS] = RATE_FORCE in places or RATE_FACTOR in places
+    owned = (V.MOUNT_SQUARE, V.AIR_RATE, V.DRIVE_LAG, (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION), V.GRIP1, V.GRIP2)
+    s[V.BY_MOUNT : V.BY_MOUNT + len(owned)] = [0.0 if np.any(s[list(np.atleast_1d(at))]) else -1.0 for at in owned]
+    s[V.EFFECTS] = 1.0
+    made = assemble(s, laws)
+    # the engine has the shapes of the contact first
+    at = np.argsort(np.argsort([place > UNLOADING for place in places], kind="stable"))
+    free = {place: int(i) for place, i in zip(places[:count], at, strict=False)}
+    return Assembled(made, free, [int(i) for i in at[count:]], float(model.s[DRIVE_PHASE]))
+
+
+def _set_waves(s: Floats, model: Model) -> None:
+    """What goes on at frequencies of its own: on shaker, indenter and the rock's stiffness."""
+    size, phase = np.hypot(model.sine, model.cosine), np.arctan2(model.cosine, model.sine)
+    s[V.SHAKER_VIBRATION], s[V.INDENTER_VIBRATION], s[V.ROTATION_SHARE] = size
+    s[V.VIBRATION_RATE], s[V.VIBRATION_DETUNING] = model.turn[0], model.turn[1] - model.turn[0]
+    s[V.VIBRATION_PHASE], s[V.VIBRATION_LEAD] = phase[0], phase[1] - phase[0]
+    s[V.ROTATION_RATE], s[V.ROTATION_PHASE] = model.turn[2], phase[2] - 0.5 * math.pi
+
+
+def columns_of(given: Sequence[Column], model: Model, axes: Axes, made: Assembled, states: int) -> Columns:
+    """By so many own ``states`` at the beginning, then by what is given."""
+    count = states + len(given)
+    kind, which, first = np.zeros((3, count), dtype=np.int64)
+    turn, pieces, rows = np.zeros(count), [np.zeros((0, DEGREE + 1))], 0
+    kind[:states] = STATE
+    for c, column in enumerate(given, states):
+        kind[c], which[c], turn[c], first[c] = column.kind, column.which, column.turn, rows
+        if column.kind != LAW:
+            continue
+        if column.change is not None:
+            which[c] = made.free[column.place]
+            table = change_of(model.free[column.place], column.change, axes, column.place)
+        else:
+            assert column.pieces is not None
+            which[c], table = made.stated[column.law], column.pieces
+        pieces.append(table)
+        rows += len(table)
+    return Columns(kind, which, first, turn, np.concatenate(pieces))

@@ -1,0 +1,307 @@
+"""Runs over many windows, each from a state of its own, sampled and differentiated: what multiple shooting takes.
+
+Signals and their derivatives are smooth within a step. Where many samples lie in one, they are read at Chebyshev's
+points of it and interpolated.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.flow import FREE
+from drillenv.dynamics.flow import LOADING as ON_LOADING
+from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
+from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, SWITCHES_TOO_DENSE, WENT_ON, advance, prepare
+from drillenv.dynamics.hybrid.compiled import INNER, NO, YES, apart
+from drillenv.dynamics.hybrid.events import set_factor
+from drillenv.dynamics.hybrid.model import Model
+from drillenv.dynamics.hybrid.runge_kutta import (
+    BEGIN,
+    BEGIN_D,
+    BEGIN_SLOPE,
+    FLAGS,
+    LENGTH,
+    PUSH,
+    READY,
+    SPARE,
+    SPARE_SLOPE,
+    copy,
+    follow,
+    inside,
+)
+from drillenv.dynamics.hybrid.sensitivity import (
+    BY_ROCK,
+    BY_V2,
+    POINTS,
+    POINTS_AT,
+    ROCK_V,
+    ROCK_W,
+    Columns,
+    Variation,
+    begin_factor,
+    borrow_columns,
+    borrow_variation,
+    carry_over,
+    saltate,
+    vary_step,
+)
+from drillenv.dynamics.hybrid.vector_field import (
+    COUNT,
+    COUNT_CONTACT,
+    CUT,
+    MOVING,
+    OMEGA,
+    OWN,
+    PEAK,
+    REGIME,
+    ROTATION,
+    ROTATION_CONTACT,
+    ROTATION_RATE,
+    TALLY,
+    THETA,
+    THETA_CARRY,
+    TIME,
+    TURN,
+    TURNS,
+    UD,
+    V2,
+    VIBRATION,
+    VIBRATION_RATE,
+    W,
+    law_force,
+    rates,
+    stiffness,
+)
+
+FASTEST = 100.0
+"""m/s of the indenter beyond which a motion is given up."""
+MOST_STEPS = 4000
+"""Of a window."""
+SIGNAL_POINTS = 9
+"""At which signals are read inside a step that holds more samples."""
+
+
+def _fit(points: np.ndarray) -> np.ndarray:
+    """The matrix from values at points from 0 to 1 to coefficients of powers about the middle."""
+    return np.linalg.inv(np.vander(points - 0.5, increasing=True))
+
+
+SIGNALS_AT = 0.5 - 0.5 * np.cos(np.pi * np.arange(SIGNAL_POINTS) / (SIGNAL_POINTS - 1))
+SIGNALS_FIT, SLOPES_FIT = _fit(SIGNALS_AT), _fit(POINTS_AT)
+
+
+class Windows(NamedTuple):
+    """Where a run begins anew, and how."""
+
+    starts: np.ndarray
+    """(windows + 1,) samples at which windows begin, and where the last one ends."""
+    begin: np.ndarray
+    """(windows, OWN) states at the beginning of each."""
+    varied: np.ndarray
+    """(windows, columns, OWN) their derivatives by the columns."""
+    rate: float
+    """Samples a second."""
+    phase: float
+    """rad of the excitation at sample 0."""
+    impacts: float
+    """Before sample 0, on this face of the rock."""
+    chained: bool
+    """Whether all but speed and distance of the indenter go on from the window before; ``begin`` then says at the end
+    what they began with."""
+    stride: int
+    """Samples from one state in ``path`` to the next; all starts are multiples."""
+    grazing: float
+    """m/s of a contact's speed below which the jump of the derivatives is held back."""
+
+
+class Shot(NamedTuple):
+    """What :func:`shoot` writes; the samples run from the first start to the last."""
+
+    path: np.ndarray
+    """(OWN, n // stride) states, or (OWN, 0) for none; on the rock w is the force of the rock law over k_l, whichever
+    law that is and on the way out as well."""
+    said: np.ndarray
+    """(2, n) force of the rock in N and acceleration of the indenter in m/s^2."""
+    by_column: np.ndarray
+    """(columns, 2, n) their derivatives; by the state that of the same window."""
+    ends: np.ndarray
+    """(windows, OWN) states at their ends."""
+    ends_by_column: np.ndarray
+    """(windows, columns, OWN)"""
+
+
+@njit(**INNER)
+def begin_window(m, d, z, windows, window: int, made: float, columns, work, scratch):
+    """Put the state at the beginning of a window; ``made`` impacts have been before. Returns nothing."""
+    apart()
+    for i in range(OWN):
+        if windows.chained and window > 0 and i != V2 and i != W:
+            windows.begin[window, i] = z[i]
+        z[i] = windows.begin[window, i]
+    time = windows.starts[window] / windows.rate
+    theta = windows.phase + m[OMEGA] * time
+    d[TIME], d[TURNS], d[THETA_CARRY], d[PEAK], d[CUT] = time, 0.0, 0.0, 0.0, 0.0
+    d[THETA] = theta - TURN * math.floor(theta / TURN)
+    d[ROTATION], d[VIBRATION] = m[ROTATION_RATE] * time, m[VIBRATION_RATE] * time
+    d[REGIME] = FREE if z[W] < 0.0 else (ON_LOADING if z[V2] - z[UD] >= 0.0 else ON_UNLOADING)
+    d[COUNT], d[COUNT_CONTACT], d[ROTATION_CONTACT] = made, made, d[ROTATION]
+    set_factor(m, d)
+    prepare(m, d, z, YES, scratch)
+    for a in range(OWN):
+        for c in range(columns.kind.size):
+            work.v[0, a, c] = windows.varied[window, c, a]
+    begin_factor(m, d, columns, work)
+
+
+@njit(**INNER)
+def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, at, said, scratch):
+    """Write the signals of samples first to last, which lie in the step just taken, of which s is the motion's.
+
+    ``begun`` is the time of the step's beginning in samples; ``at`` (at least as many,) is room for their places.
+    """
+    apart()
+    d, length, count = scratch[BEGIN_D], scratch[FLAGS, LENGTH], last - first
+    few = count <= SIGNAL_POINTS
+    values = np.empty((2, SIGNAL_POINTS))
+    for k in range(count if few else SIGNAL_POINTS):
+        shift = (first + k - begun) / rate if few else SIGNALS_AT[k] * s
+        shift = min(max(shift, 0.0), s)
+        inside(int(m[TALLY]), shift / length, scratch, SPARE)
+        rock = rates(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+        values[0, k], values[1, k] = rock, scratch[SPARE_SLOPE, V2]
+    if few:
+        for i in range(2):
+            for k in range(count):
+                said[i, first + k] = values[i, k]
+        return
+    for k in range(count):
+        at[k] = (first + k - begun) / (rate * s) - 0.5
+    c = np.empty(SIGNAL_POINTS)
+    for i in range(2):
+        for power in range(SIGNAL_POINTS):
+            c[power] = 0.0
+            for k in range(SIGNAL_POINTS):
+                c[power] += SIGNALS_FIT[power, k] * values[i, k]
+        c0, c1, c2, c3, c4, c5, c6, c7, c8 = c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]
+        row = said[i]
+        for k in range(count):
+            t = at[k]
+            high = c4 + t * (c5 + t * (c6 + t * (c7 + t * c8)))
+            row[first + k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * high)))
+
+
+@njit(**INNER)
+def read_slopes(m, s: float, first: int, last: int, begun: float, rate: float, at, columns, work, by_column):
+    """The same of the derivatives by the columns, from the points that they were found at."""
+    apart()
+    n, v = int(m[MOVING]), work.v
+    for k in range(last - first):
+        at[k] = (first + k - begun) / (rate * s) - 0.5
+    values = np.empty((2, POINTS))
+    for c in range(columns.kind.size):
+        for k in range(POINTS):
+            lin = work.lin[k]
+            into = v[k, V2, c] - v[k, UD, c]
+            values[0, k] = work.force[k, BY_ROCK, c] + lin[ROCK_W] * v[k, W, c] + lin[ROCK_V] * into
+            total = work.force[k, BY_V2, c]
+            for b in range(n):
+                total += work.j[k, V2, b] * v[k, b, c]
+            values[1, k] = total
+        for i in range(2):
+            c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(POINTS):
+                value = values[i, k]
+                c0 += SLOPES_FIT[0, k] * value
+                c1 += SLOPES_FIT[1, k] * value
+                c2 += SLOPES_FIT[2, k] * value
+                c3 += SLOPES_FIT[3, k] * value
+                c4 += SLOPES_FIT[4, k] * value
+            row = by_column[c, i]
+            for k in range(last - first):
+                t = at[k]
+                row[first + k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot: Shot, work: Variation, scratch):
+    """Run every window, with the derivatives asked for.
+
+    Args:
+        model: The model, without terms from outside.
+        d: A discrete state of it.
+        rtol: Relative error of a step.
+        windows: Where to begin.
+        columns: By what the motion is differentiated.
+        shot: Filled.
+        work, scratch: From ``make_variation`` and ``make_scratch``.
+
+    Returns:
+        Status, and impacts made at the end.
+    """
+    m, d, scratch = borrowed(model.flat), borrowed(d), borrowed(scratch)
+    columns, work = borrow_columns(columns), borrow_variation(work)
+    count, rate, stride = columns.kind.size, windows.rate, windows.stride
+    z, before, slope = np.zeros(scratch.shape[1]), np.zeros(scratch.shape[1]), np.zeros(scratch.shape[1])
+    at = np.zeros(int(np.max(np.diff(windows.starts))) + 1)
+    made = windows.impacts
+    for window in range(windows.starts.size - 1):
+        begin_window(m, d, z, windows, window, made, columns, work, scratch)
+        sample, last = int(windows.starts[window]), int(windows.starts[window + 1])
+        begun, steps = float(sample), 0
+        while begun < last:
+            copy(scratch[BEGIN_SLOPE], slope)
+            status, taken = advance(m, d, z, (last - begun) / rate, rtol, NO, scratch)
+            steps += 1
+            if status != WENT_ON or steps > MOST_STEPS:
+                return (SWITCHES_TOO_DENSE if status == WENT_ON else status), made
+            if taken == 0.0:
+                if count == 0:
+                    continue
+                saltate(m, scratch[BEGIN_D], scratch[BEGIN], slope, d, z, windows.grazing, columns, work, scratch)
+                continue
+            ended = begun + taken * rate
+            if last - ended < 1e-9:
+                ended = float(last)
+            length = scratch[FLAGS, LENGTH]
+            if count > 0:
+                vary_step(m, taken, columns, work, scratch)
+            following = min(math.ceil(ended), last)
+            if following > sample:
+                if scratch[FLAGS, READY] == 0.0:
+                    follow(m, scratch[BEGIN_D], length, scratch)
+                    scratch[FLAGS, READY] = 1.0
+                read_signals(m, taken, sample, following, begun, rate, at, shot.said, scratch)
+                if count > 0:
+                    read_slopes(m, taken, sample, following, begun, rate, at, columns, work, shot.by_column)
+                for k in range(-(-sample // stride), shot.path.shape[1]):
+                    if k * stride >= following:
+                        break
+                    inside(OWN, min(max((k * stride - begun) / rate, 0.0), taken) / length, scratch, SPARE)
+                    for i in range(OWN):
+                        shot.path[i, k] = scratch[SPARE, i]
+                    regime = int(scratch[BEGIN_D, REGIME])
+                    if regime != FREE:
+                        force = law_force(m, scratch[BEGIN_D], regime, scratch[SPARE, W])
+                        shot.path[W, k] = force / stiffness(m, scratch[BEGIN_D], ON_LOADING)
+                sample = following
+            if count > 0:
+                # what the event's reset map began from
+                inside(int(m[TALLY]), taken / length, scratch, SPARE)
+                copy(scratch[SPARE], before)
+                rates(m, scratch[BEGIN_D], taken, before, slope, scratch[PUSH])
+                carry_over(work)
+                saltate(m, scratch[BEGIN_D], before, slope, d, z, windows.grazing, columns, work, scratch)
+            begun = ended
+            if not abs(z[V2]) < FASTEST:
+                return STEPS_TOO_SHORT, made
+        made = d[COUNT]
+        for i in range(OWN):
+            shot.ends[window, i] = z[i]
+            for c in range(count):
+                shot.ends_by_column[window, c, i] = work.v[0, i, c]
+    return WENT_ON, made
