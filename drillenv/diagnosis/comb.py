@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal, special
+from scipy import signal, special
 from scipy.sparse.linalg import LinearOperator, cg
 
 Floats = NDArray[np.float64]
@@ -33,29 +33,61 @@ def off_comb(samples: Floats, tone: float, orders: Orders) -> Comb:
     The products of the sines form a Toeplitz matrix, of Dirichlet's kernel, so that conjugate gradients with fast
     Fourier transforms solve the normal equations of thousands of sines in milliseconds.
     """
-    n = samples.size
+    made = _plan(samples.size, tone, orders)
+    right = np.where(made.wanted, made.centre * made.forth(samples), 0.0)
+    k, length = right.size, 2 * right.size - 1
+
+    def product(x: NDArray[np.complex128]) -> NDArray:
+        folded = np.fft.ifft(np.fft.fft(made.mask * x.ravel(), made.spectrum.size) * made.spectrum)
+        return made.mask * folded[:length]
+
+    operator = LinearOperator((length, length), matvec=product, dtype=complex)  # pyright: ignore[reportCallIssue]
+    found, _ = cg(operator, np.concatenate([right[:0:-1].conj(), right]), rtol=1e-7, maxiter=60)
+    factors = found[k - 1 :]
+    power = 2.0 * np.real(factors.conj() * right)
+    factors[1:] *= 2.0
+    fitted = np.real(made.back(factors * made.centre.conj()))
+    harmonics = made.wanted & (np.arange(k) > 0)
+    return Comb(samples - fitted, made.step * np.flatnonzero(harmonics), power[harmonics])
+
+
+class _Plan(NamedTuple):
+    """What depends on the tone and on how many samples there are, and not on them."""
+
+    step: float
+    """Cycles per sample from one possible line to the next."""
+    wanted: NDArray[np.bool_]
+    """(k,) whether there is one, from 0 on."""
+    centre: NDArray[np.complex128]
+    """(k,) phases with which time counts from the middle of the series: this makes the kernel real."""
+    mask: NDArray[np.bool_]
+    """(2 k - 1,) the same on both sides of 0."""
+    spectrum: NDArray[np.complex128]
+    """Of the circulant matrix that the Toeplitz matrix is a part of."""
+    forth: signal.CZT
+    back: signal.CZT
+
+
+@lru_cache(maxsize=64)
+def _plan(n: int, tone: float, orders: Orders) -> _Plan:
     step = tone / math.lcm(*orders)
     k = np.arange(int((0.5 - 1.0 / n) / step) + 1)
     wanted = np.any([k % (math.lcm(*orders) // order) == 0 for order in orders], axis=0)
-    centre = np.exp(1j * np.pi * step * (n - 1) * k)  # time counted from the middle makes the kernel real
-    right = np.where(wanted, centre * _transform(n, k.size, -step)(samples), 0.0)
     kernel = n * special.diric(2.0 * np.pi * step * np.arange(2 * k.size - 1), n)
-    mask = np.concatenate([wanted[:0:-1], wanted])
+    circulant = np.zeros(1 << (2 * kernel.size - 1).bit_length())
+    circulant[: kernel.size] = kernel
+    circulant[circulant.size - kernel.size + 1 :] = kernel[:0:-1]
+    return _Plan(
+        step,
+        wanted,
+        np.exp(1j * np.pi * step * (n - 1) * k),
+        np.concatenate([wanted[:0:-1], wanted]),
+        np.fft.fft(circulant),
+        _transform(n, k.size, -step),
+        _transform(k.size, n, step),
+    )
 
-    def product(x: NDArray[np.complex128]) -> NDArray:
-        return mask * linalg.matmul_toeplitz(kernel, mask * x.ravel())
 
-    operator = LinearOperator((mask.size, mask.size), matvec=product, dtype=complex)  # pyright: ignore[reportCallIssue]
-    found, _ = cg(operator, np.concatenate([right[:0:-1].conj(), right]), rtol=1e-7, maxiter=60)
-    factors = found[k.size - 1 :]
-    power = 2.0 * np.real(factors.conj() * right)
-    factors[1:] *= 2.0
-    fitted = np.real(_transform(k.size, n, step)(factors * centre.conj()))
-    harmonics = wanted & (k > 0)
-    return Comb(samples - fitted, step * k[harmonics], power[harmonics])
-
-
-@lru_cache(maxsize=16)
 def _transform(size: int, count: int, step: float) -> signal.CZT:
     """Sums of a series (size,) times exp(2 pi i step j k), over j, for k = 0 ... count - 1."""
     return signal.CZT(size, count, np.exp(2j * np.pi * step))

@@ -451,6 +451,8 @@ class Recorded:
     def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after Levenberg-Marquardt steps of their own."""
         cost, damping, part = self.cost(shared, own), 1e-3, None
+        if not math.isfinite(cost):
+            return own
         samples = self.samples
         for _ in range(steps):
             part = self.quadratic(shared, own, fixed=True) if part is None else part

@@ -19,6 +19,7 @@ from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.sensing import Added, Sensor
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import LARGEST_LOG
 from drillenv.diagnosis.verdict import Outcome, Settled, wrong_constants
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
@@ -225,7 +226,7 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
             # a turn ends where it began, but for rounding
             y[-1] = y[0]
         if term.place in LOGARITHMS:
-            x, y = x * model.s[V.KL], np.exp(y)
+            x, y = x * model.s[V.KL], np.exp(np.clip(y, -LARGEST_LOG, LARGEST_LOG))
         made.append(make(f"tabulated-{PLACE_NAMES[term.place]}", x=x.tolist(), y=y.tolist()))
     return made
 

@@ -51,6 +51,8 @@ NUMBERS = {
     "air_rate": V.AIR_RATE,
 }
 GRIPS = {"shaker_grip": V.GRIP1, "indenter_grip": V.GRIP2}
+NOTHING = 1e-5
+"""Share of how far from neutral a parameter begins, within which it is neutral: a play of nanometres is no curve."""
 LEAST_GRIP = 1e-6
 """N. With no friction at all the engine does not know which way a mass slides, and so not what more would do."""
 DRIVE_LAG = "drive_lag"
@@ -162,8 +164,13 @@ class Equation(Term):
                 s[at] += max(numbers.get(name, 0.0), LEAST_GRIP)
 
     def parameters(self, values: Floats) -> tuple[float, ...]:
-        """All of the effect's, by their order; those that the form has not are neutral."""
-        return parameters_of(self.effect, self.form, tuple(float(each) for each in values))
+        """All of the effect's, by their order; neutral where the form has them not, or they are next to nothing."""
+        p = parameters_of(self.effect, self.form, tuple(float(each) for each in values))
+        starts = np.array([parameters_of(self.effect, self.form, start) for start in self.form.starts])
+        neutral = np.array([each.neutral for each in REGISTRY[self.effect].parameters])
+        nothing = NOTHING * np.abs(starts - neutral).max(axis=0)
+        rows = zip(p, neutral.tolist(), nothing.tolist(), strict=True)
+        return tuple(none if abs(value - none) < least else value for value, none, least in rows)
 
 
 def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:

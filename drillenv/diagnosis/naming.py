@@ -199,6 +199,9 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     standing = {place: found[0].curve(place) for place in curves}
     widths = {term.place: np.array([each.width for each in term.unknowns]) for term in family.terms
               if isinstance(term, Curve)}  # fmt: skip
+    # but for a gain that falls with the frequency, the recordings say the same
+    seen = scenes if DRIVE_LAG in acts_at(equation.effect, equation.form)[1] else scenes[:1]
+    weight = math.sqrt(len(scenes) / len(seen))
     factor = precision_of(fitted, family) if curves else None
     names = [each.name for each in constants.unknowns]
     width = np.array([each.width for each in (*constants.unknowns, *equation.unknowns)])
@@ -210,7 +213,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     def misfit(scaled: Floats) -> Floats:
         values, shift, rows = scaled[:-1] * width, scaled[-1], []
         off: dict[int, Floats] = {}
-        for model, scene in zip(found, scenes, strict=True):
+        for model, scene in zip(found, seen, strict=False):
             tried = Model()
             constants.contribute(values[:count], tried, scene, axes)
             equation.contribute(values[count:], tried, scene, shifted(same_forces(axes, model, tried), shift))
@@ -218,9 +221,9 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
                 off = {place: tried.curve(place) - standing[place] for place in curves}
             for i in (*NUMBERS.values(), V.F_A):
                 if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
-                    rows.append(np.atleast_1d(np.log(max(tried.s[i], 1e-12) / model.s[i])))
+                    rows.append(weight * math.log(max(tried.s[i], 1e-12) / model.s[i]))
         if factor is None:
-            return np.concatenate([*rows, 1e-2 * (scaled[:count] - own / width[:count]), [0.0]])
+            return np.concatenate([rows, 1e-2 * (scaled[:count] - own / width[:count]), [0.0]])
         change, priors = values[:count] - own, [1e-3 * shift]
         for place, i in straight.items():
             # with the law free, the constant stays where it is

@@ -149,6 +149,10 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
     )
 
 
+RARE = 0.05
+"""Above this, p-values of the bootstrap are taken for 1."""
+
+
 def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> Tested:
     """Every family's score test.
 
@@ -181,8 +185,10 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
             elsewhere = known.gain_elsewhere(inside)
             p = min(each.tried * float(chi2.sf(2.0 * gain, freedom)), 1.0)
             scores.append(Score(each, gain, freedom, p, elsewhere))
-            chance = chi2.sf(((drawn[:, at] @ turned) ** 2).sum(axis=1), freedom)
-            smallest = np.minimum(smallest, chance)
+            sizes = ((drawn[:, at] @ turned) ** 2).sum(axis=1)
+            # the quantile that is asked for is far below
+            rare = sizes > chi2.isf(RARE, freedom)
+            smallest[rare] = np.minimum(smallest[rare], chi2.sf(sizes[rare], freedom))
     return Tested(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 

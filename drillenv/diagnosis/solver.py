@@ -9,6 +9,7 @@ parameter in Marquardt's method, IMM-REP-1999-05, DTU (1999).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -154,6 +155,9 @@ def minimise(
     each: Callable = map if pool is None else pool.map
     shared, own = np.clip(shared, priors.low, priors.high), list(own)
     costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
+    if not math.isfinite(sum(costs)):
+        # there is no motion to begin with
+        return Fit(shared, own, math.inf, [], np.zeros((shared.size, shared.size)), False, 0)
     damping, growth, converged, steps = 1e-3, 2.0, False, 0
     parts: list[Quadratic] = []
     while steps < limits.steps:

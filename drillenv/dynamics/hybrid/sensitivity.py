@@ -59,7 +59,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     STAGES,
     copy,
     follow,
-    inside,
+    inside_one,
 )
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
@@ -86,6 +86,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     MOVING,
     OMEGA,
     OVER_KIND,
+    OWN,
     PIECE_COLUMNS,
     PIECES_AT,
     PLACE,
@@ -94,6 +95,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     ROTATION_PHASE,
     ROTATION_RATE,
     ROTATION_SHARE,
+    SIZE,
     SIZES_AT,
     SLIDE1,
     TALLY,
@@ -121,6 +123,8 @@ from drillenv.dynamics.hybrid.vector_field import (
 
 DIFFERENCE = 1e-6
 """Share of a state's size for differences, where a term from outside acts."""
+LEAST_PIVOT = 0.25
+"""The diagonal of a step's equations is near to 1, but for what decays or turns fast beside the step."""
 STANDING = 1e-12
 """A guard that is approached at less than this share of its usual rate is not crossed."""
 
@@ -216,6 +220,8 @@ class Variation(NamedTuple):
     """(columns,) logarithmic derivative of the factor on the rock's stiffness, of the present contact."""
     change: np.ndarray
     """(columns,) what the reset map changes w by beside the state."""
+    by: np.ndarray
+    """(SIZE, FORCINGS) by what scalars change the forces; the last but one is zero, the last room for a law."""
     system: np.ndarray
     """(LAST * states, LAST * states + columns) equations of a step, and their right-hand sides."""
 
@@ -231,6 +237,7 @@ def make_variation(model: Model, columns: int) -> Variation:
         np.zeros((POINTS, FORCINGS, columns)),
         np.zeros(columns),
         np.zeros(columns),
+        np.zeros((SIZE, FORCINGS)),
         np.zeros((LAST * n, LAST * n + columns)),
     )
 
@@ -404,79 +411,79 @@ def sinusoid(code: int, turn: float, time: float) -> float:
 
 
 @njit(**INNER)
+def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin: np.ndarray, by: np.ndarray):
+    """By what scalars change the forces: of each that a column may be by, a row of ``by`` (SIZE, FORCINGS).
+
+    Forces on both masses in N, the mount's acceleration, the air's rate, and the rock's force, beside which the first
+    three do not count it.
+    """
+    closing = z[V1] - z[V2]
+    by[M1, BY_V1], by[M2, BY_V2] = -dz[V1], -dz[V2]
+    # with k and F_b the shortening at rest changes, and with it the curves beyond it
+    by[K, BY_V2] = z[Y] + lin[FROM_REST] * m[F_B] / (m[K] * m[K])
+    by[K, BY_V1] = -by[K, BY_V2]
+    by[F_B, BY_V2] = -lin[FROM_REST] / m[K]
+    by[F_B, BY_V1] = 1.0 - by[F_B, BY_V2]
+    by[C, BY_V1], by[C, BY_V2] = -closing, closing
+    by[F_A, BY_V2], by[DRIVE_LAG, BY_V2] = lin[BY_F_A], lin[BY_LAG]
+    by[KL, BY_ROCK], by[KU, BY_ROCK] = lin[BY_KL] * lin[GAIN], lin[BY_KU] * lin[GAIN]
+    by[GRIP1, BY_V1], by[GRIP2, BY_V2] = -d[SLIDE1], -d[SLIDE1 + 1]
+    by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -z[U], -z[UD]
+    by[AIR_STIFFNESS, BY_Q], by[AIR_RATE, BY_Q] = z[V1], -z[Q]
+
+
+@njit(**INNER)
+def by_law(m: np.ndarray, d: np.ndarray, columns, c: int, at: np.ndarray, lin: np.ndarray, own: np.ndarray):
+    """The same for a law, a row of its own (FORCINGS,), which is zero."""
+    law = columns.which[c]
+    place = law_at(m, law, PLACE)
+    if place == COMPACTION or (place <= RATE_FORCE and lin[GAIN] == 0.0):
+        return
+    if place <= UNLOADING and place != int(d[REGIME]) - ON_LOADING:
+        return
+    value = piece_value(columns.pieces, columns.first[c] + int(at[law, AT_PIECE]), at[law, AT_T])
+    if place <= UNLOADING:
+        own[BY_ROCK] = value * at[law, CHAIN] * lin[GAIN]
+    elif place <= RATE_FORCE:
+        own[BY_ROCK] = value * (lin[LAW_FORCE] if place == RATE_FACTOR else 1.0)
+    elif place <= DAMPER:
+        own[BY_V1], own[BY_V2] = -value, value
+    elif place == GUIDE:
+        own[BY_V1] = -value
+    elif place <= DRIVE:
+        own[BY_V2] = value * (-1.0 if place == INDENTER else (m[F_A] if place == WAVEFORM else 1.0))
+    else:
+        own[BY_UD] = -value
+
+
+@njit(**INNER)
 def find_forcings(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, columns, work, k: int):
     """By what columns change the rates at the state z, of slope dz, at a point of a step; behind :func:`linearise`."""
     apart()
-    at, lin, factor, force = work.at, work.lin[k], work.factor, work.force[k]
-    closing, time = z[V1] - z[V2], d[TIME] + shift
+    lin, force, by, time = work.lin[k], work.force[k], work.by, d[TIME] + shift
+    by_scalars(m, d, z, dz, lin, by)
+    free = by.shape[0] - 1
     for c in range(columns.kind.size):
-        kind, push1, push2, mount, air = columns.kind[c], 0.0, 0.0, 0.0, 0.0
-        rock = lin[BY_FACTOR] * factor[c] * lin[GAIN]
-        if kind == LAW:
-            law = columns.which[c]
-            place = law_at(m, law, PLACE)
-            value, acts = 0.0, place != COMPACTION
-            if place <= RATE_FORCE:
-                acts = lin[GAIN] != 0.0 and (place > UNLOADING or place == int(d[REGIME]) - ON_LOADING)
-            if acts:
-                value = piece_value(columns.pieces, columns.first[c] + int(at[law, AT_PIECE]), at[law, AT_T])
-            if place <= UNLOADING:
-                rock += value * at[law, CHAIN] * lin[GAIN]
-            elif place == RATE_FACTOR:
-                rock += value * lin[LAW_FORCE]
-            elif place == RATE_FORCE:
-                rock += value
-            elif place <= DAMPER:
-                push1, push2 = -value, value
-            elif place == GUIDE:
-                push1 = -value
-            elif place <= DRIVE:
-                push2 = value * (-1.0 if place == INDENTER else (m[F_A] if place == WAVEFORM else 1.0))
-            else:
-                mount = -value
-        elif kind == ON_SHAKER:
-            push1 = sinusoid(columns.which[c], columns.turn[c], time)
-        elif kind == ON_INDENTER:
-            push2 = sinusoid(columns.which[c], columns.turn[c], time)
-        elif kind == PHASE:
-            push2 = lin[BY_PHASE]
-        elif kind == F_A:
-            push2 = lin[BY_F_A]
-        elif kind == DRIVE_LAG:
-            push2 = lin[BY_LAG]
-        elif kind == M1:
-            push1 = -dz[V1]
-        elif kind == M2:
-            push2 = -dz[V2]
-        elif kind == K:
-            # with k and F_b the shortening at rest changes, and with it the curves beyond it
-            push2 = z[Y] + lin[FROM_REST] * m[F_B] / (m[K] * m[K])
-            push1 = -push2
-        elif kind == F_B:
-            push2 = -lin[FROM_REST] / m[K]
-            push1 = 1.0 - push2
-        elif kind == C:
-            push1, push2 = -closing, closing
-        elif kind == KL:
-            rock += lin[BY_KL] * lin[GAIN]
-        elif kind == KU:
-            rock += lin[BY_KU] * lin[GAIN]
-        elif kind == GRIP1:
-            push1 = -d[SLIDE1]
-        elif kind == GRIP2:
-            push2 = -d[SLIDE1 + 1]
-        elif kind == MOUNT_GAIN:
-            mount = lin[ROCK]
-        elif kind == MOUNT_SQUARE:
-            mount = -z[U]
-        elif kind == MOUNT_DAMPING:
-            mount = -z[UD]
-        elif kind == AIR_STIFFNESS:
-            air = z[V1]
-        elif kind == AIR_RATE:
-            air = -z[Q]
-        force[BY_V1, c], force[BY_V2, c] = push1 / m[M1], (push2 - rock) / m[M2]
-        force[BY_UD, c], force[BY_Q, c], force[BY_ROCK, c] = mount + m[MOUNT_GAIN] * rock, air, rock
+        kind, row = columns.kind[c], free
+        if kind >= 0:
+            row = kind
+        elif kind != STATE:
+            for i in range(FORCINGS):
+                by[free, i] = 0.0
+            if kind == LAW:
+                by_law(m, d, columns, c, work.at, lin, by[free])
+            elif kind == PHASE:
+                by[free, BY_V2] = lin[BY_PHASE]
+            elif kind == ON_SHAKER:
+                by[free, BY_V1] = sinusoid(columns.which[c], columns.turn[c], time)
+            elif kind == ON_INDENTER:
+                by[free, BY_V2] = sinusoid(columns.which[c], columns.turn[c], time)
+        else:
+            row = free - 1
+        rock = by[row, BY_ROCK] + lin[BY_FACTOR] * work.factor[c] * lin[GAIN]
+        force[BY_V1, c], force[BY_V2, c] = by[row, BY_V1] / m[M1], (by[row, BY_V2] - rock) / m[M2]
+        force[BY_UD, c], force[BY_Q, c] = by[row, BY_UD] + m[MOUNT_GAIN] * rock, by[row, BY_Q]
+        force[BY_ROCK, c] = rock
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and d[SLIDE1 + mass] == 0.0:
             for c in range(columns.kind.size):
@@ -496,7 +503,7 @@ def vary_step(m: np.ndarray, s: float, columns, work, scratch: np.ndarray):
         scratch[FLAGS, READY] = 1.0
     for k in range(POINTS):
         shift = POINTS_AT[k] * s
-        inside(int(m[TALLY]), shift / length, scratch, SPARE)
+        inside_step(m, shift / length, scratch)
         rates(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
         if m[TERMS] > 0.0:
             copy(scratch[SPARE], scratch[INNER_STATE])
@@ -509,11 +516,30 @@ def vary_step(m: np.ndarray, s: float, columns, work, scratch: np.ndarray):
     v, system, count = work.v, work.system, columns.kind.size
     for k in range(1, POINTS):
         for a in range(n):
+            row = LAST * block_of(a, n) - 1 + k
             for c in range(count):
-                v[k, a, c] = system[(k - 1) * n + a, LAST * n + c]
+                v[k, a, c] = system[row, LAST * n + c]
         for a in range(n, v.shape[1]):
             for c in range(count):
                 v[k, a, c] = v[0, a, c]
+
+
+@njit(**INNER)
+def inside_step(m: np.ndarray, share: float, scratch: np.ndarray):
+    """The state at a share of the step just taken, to row ``SPARE``."""
+    moving = int(m[MOVING])
+    for i in range(moving):
+        scratch[SPARE, i] = inside_one(i, share, scratch)
+    for i in range(moving, int(m[TALLY])):
+        scratch[SPARE, i] = scratch[BEGIN, i]
+
+
+@njit(**INLINED)
+def block_of(state: int, n: int) -> int:
+    """Where the equations of a state stand: places first, since they hold nothing but speeds."""
+    if n == 4:
+        return (0, 2, 3, 1)[state]
+    return (0, 3, 4, 1, 2, 5, 6)[state] if state < OWN else state
 
 
 @njit(**INNER)
@@ -521,30 +547,32 @@ def set_up(s: float, n: int, work):
     """The equations S_k = S_0 + s sum_l a_kl (J_l S_l + f_l) of a step of length s, for k and l from 1 on."""
     apart()
     v, j, force, system, count = work.v, work.j, work.force, work.system, work.factor.size
-    for k in range(1, POINTS):
-        for a in range(n):
-            row = system[(k - 1) * n + a]
-            for i in range(LAST * n):
-                row[i] = 0.0
-            for other in range(1, POINTS):
-                share = s * INTEGRALS[k, other]
-                for b in range(n):
-                    row[(other - 1) * n + b] = -share * j[other, a, b]
-            row[(k - 1) * n + a] += 1.0
-            right = row[LAST * n :]
-            for c in range(count):
-                right[c] = v[0, a, c]
+    for a in range(n):
+        first = LAST * block_of(a, n) - 1
+        for k in range(1, POINTS):
+            row = system[first + k]
+            for b in range(n):
+                begin = LAST * block_of(b, n) - 1
+                for other in range(1, POINTS):
+                    row[begin + other] = -s * INTEGRALS[k, other] * j[other, a, b]
+            row[first + k] += 1.0
+            right = row[LAST * n : LAST * n + count]
+            right[:] = v[0, a]
             for b in range(n):
                 share = s * INTEGRALS[k, 0] * j[0, a, b]
                 if share != 0.0:
-                    for c in range(count):
-                        right[c] += share * v[0, b, c]
+                    add(right, share, v[0, b])
             which = BY_V1 if a == V1 else (BY_V2 if a == V2 else (BY_UD if a == UD else (BY_Q if a == Q else -1)))
             if which >= 0:
                 for other in range(POINTS):
-                    share = s * INTEGRALS[k, other]
-                    for c in range(count):
-                        right[c] += share * force[other, which, c]
+                    add(right, s * INTEGRALS[k, other], force[other, which])
+
+
+@njit(**INLINED)
+def add(row: np.ndarray, share: float, other: np.ndarray):
+    """Add a share of another row, as long: in vector instructions, since no index can be negative."""
+    for c in range(row.size):
+        row[c] += share * other[c]
 
 
 @njit(**INNER)
@@ -554,30 +582,24 @@ def solve(size: int, work):
     system = work.system
     wide = size + work.factor.size
     for i in range(size):
-        pivot = i
-        for k in range(i + 1, size):
-            if abs(system[k, i]) > abs(system[pivot, i]):
-                pivot = k
-        if abs(system[pivot, i]) > 4.0 * abs(system[i, i]):
+        if abs(system[i, i]) < LEAST_PIVOT:
+            pivot = i
+            for k in range(i + 1, size):
+                if abs(system[k, i]) > abs(system[pivot, i]):
+                    pivot = k
             for c in range(i, wide):
                 system[i, c], system[pivot, c] = system[pivot, c], system[i, c]
-        own = system[i]
         for k in range(i + 1, size):
-            other = system[k]
-            if other[i] != 0.0:
-                share = other[i] / own[i]
-                for c in range(i + 1, wide):
-                    other[c] -= share * own[c]
+            if system[k, i] != 0.0:
+                add(system[k, i + 1 : wide], -system[k, i] / system[i, i], system[i, i + 1 : wide])
     for i in range(size - 1, -1, -1):
-        own = system[i]
+        right = system[i, size:wide]
         for k in range(i + 1, size):
-            share, other = own[k], system[k]
-            if share != 0.0:
-                for c in range(size, wide):
-                    own[c] -= share * other[c]
-        share = 1.0 / own[i]
-        for c in range(size, wide):
-            own[c] *= share
+            if system[i, k] != 0.0:
+                add(right, -system[i, k], system[k, size:wide])
+        share = 1.0 / system[i, i]
+        for c in range(right.size):
+            right[c] *= share
 
 
 @njit(**INNER)
@@ -728,6 +750,7 @@ def borrow_variation(work: Variation) -> Variation:
         borrowed(work.force),
         borrowed(work.factor),
         borrowed(work.change),
+        borrowed(work.by),
         borrowed(work.system),
     )
 

@@ -32,7 +32,6 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     SPARE_SLOPE,
     copy,
     follow,
-    inside,
 )
 from drillenv.dynamics.hybrid.sensitivity import (
     BY_ROCK,
@@ -47,6 +46,7 @@ from drillenv.dynamics.hybrid.sensitivity import (
     borrow_columns,
     borrow_variation,
     carry_over,
+    inside_step,
     saltate,
     vary_step,
 )
@@ -62,7 +62,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     ROTATION,
     ROTATION_CONTACT,
     ROTATION_RATE,
-    TALLY,
     THETA,
     THETA_CARRY,
     TIME,
@@ -82,7 +81,7 @@ FASTEST = 100.0
 """m/s of the indenter beyond which a motion is given up."""
 MOST_STEPS = 4000
 """Of a window."""
-SIGNAL_POINTS = 9
+SIGNAL_POINTS = 7
 """At which signals are read inside a step that holds more samples."""
 
 
@@ -171,7 +170,7 @@ def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, 
     for k in range(count if few else SIGNAL_POINTS):
         shift = (first + k - begun) / rate if few else SIGNALS_AT[k] * s
         shift = min(max(shift, 0.0), s)
-        inside(int(m[TALLY]), shift / length, scratch, SPARE)
+        inside_step(m, shift / length, scratch)
         rock = rates(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
         values[0, k], values[1, k] = rock, scratch[SPARE_SLOPE, V2]
     if few:
@@ -187,12 +186,11 @@ def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, 
             c[power] = 0.0
             for k in range(SIGNAL_POINTS):
                 c[power] += SIGNALS_FIT[power, k] * values[i, k]
-        c0, c1, c2, c3, c4, c5, c6, c7, c8 = c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]
-        row = said[i]
-        for k in range(count):
-            t = at[k]
-            high = c4 + t * (c5 + t * (c6 + t * (c7 + t * c8)))
-            row[first + k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * high)))
+        c0, c1, c2, c3, c4, c5, c6 = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
+        row, places = said[i, first:last], at[:count]
+        for k in range(row.size):
+            t = places[k]
+            row[k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
 
 
 @njit(**INNER)
@@ -221,10 +219,11 @@ def read_slopes(m, s: float, first: int, last: int, begun: float, rate: float, a
                 c2 += SLOPES_FIT[2, k] * value
                 c3 += SLOPES_FIT[3, k] * value
                 c4 += SLOPES_FIT[4, k] * value
-            row = by_column[c, i]
-            for k in range(last - first):
-                t = at[k]
-                row[first + k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))
+            # loops over slices, whose indices cannot be negative, are made into vector instructions
+            row, places = by_column[c, i, first:last], at[: last - first]
+            for k in range(row.size):
+                t = places[k]
+                row[k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -281,7 +280,7 @@ def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot
                 for k in range(-(-sample // stride), shot.path.shape[1]):
                     if k * stride >= following:
                         break
-                    inside(OWN, min(max((k * stride - begun) / rate, 0.0), taken) / length, scratch, SPARE)
+                    inside_step(m, min(max((k * stride - begun) / rate, 0.0), taken) / length, scratch)
                     for i in range(OWN):
                         shot.path[i, k] = scratch[SPARE, i]
                     regime = int(scratch[BEGIN_D, REGIME])
@@ -291,7 +290,7 @@ def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot
                 sample = following
             if count > 0:
                 # what the event's reset map began from
-                inside(int(m[TALLY]), taken / length, scratch, SPARE)
+                inside_step(m, taken / length, scratch)
                 copy(scratch[SPARE], before)
                 rates(m, scratch[BEGIN_D], taken, before, slope, scratch[PUSH])
                 carry_over(work)
