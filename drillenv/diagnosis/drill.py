@@ -42,9 +42,7 @@ from drillenv.dynamics.hybrid.sensitivity import COUNTED, LAW, PHASE, make_varia
 from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
-    AIR_STIFFNESS,
     F_B,
-    MOUNT_GAIN,
     MOUNT_SQUARE,
     OWN,
     UD,
@@ -171,9 +169,6 @@ class Recorded:
     noise: tuple[NoiseModel, NoiseModel]
     """Of force and acceleration."""
 
-    least_size: int = 4
-    """States that take part at least."""
-
     def __post_init__(self) -> None:
         data = self.data
         self.fine = max(1, math.ceil(0.98 * DENSE / (data.rate * data.thinned)))
@@ -234,10 +229,6 @@ class Recorded:
     def locals(self) -> int:
         """Own unknowns behind the states: share of the pressure, impacts before it began, and the lines."""
         return 2 + len(self.lines)
-
-    def size(self, model: Model) -> int:
-        """How many states take part."""
-        return OWN if model.s[MOUNT_GAIN] or model.s[AIR_STIFFNESS] else self.least_size
 
     def integrate(self, model: Model, own: Floats, varied: Varied | None = None, path: bool = False,
                   chained: bool = False) -> Raw:  # fmt: skip

@@ -227,7 +227,7 @@ def fit_to(
     own = [
         fitted_to(each, len(one.starts) - 1, size, level) for each, one, level in zip(own, data, levels, strict=True)
     ]
-    blocks = [Recorded(each, hypothesis, weight, level, size) for each, level in zip(data, levels, strict=True)]
+    blocks = [Recorded(each, hypothesis, weight, level) for each, level in zip(data, levels, strict=True)]
     samples = sum(each.samples for each in blocks)
     if settled:
         each: Callable = map if pool is None else pool.map

@@ -134,7 +134,7 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
     def quadratic(block: Recorded, own: Floats):
         kept = kept_of(own, block.windows)
         own = resized(own, block.windows, max(size, kept), kept, len(block.lines))
-        return eliminated(replace(block, hypothesis=hypothesis, least_size=size).quadratic(shared, own), 0.0)[:2]
+        return eliminated(replace(block, hypothesis=hypothesis).quadratic(shared, own), 0.0)[:2]
 
     reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
     weights = fitted.priors.weights

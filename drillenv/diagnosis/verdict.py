@@ -271,7 +271,7 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise, beginning: Be
     shared = fitted.fit.shared
 
     def settle(weight: float, own: Floats) -> tuple[Recorded, Floats]:
-        block = Recorded(each, fitted.hypothesis, weight, level, size)
+        block = Recorded(each, fitted.hypothesis, weight, level)
         if own.size != windows * size + block.locals:
             own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
         own = block.settled(shared, block.chained(shared, own) if weight == JOINED else own)

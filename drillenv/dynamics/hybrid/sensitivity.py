@@ -557,7 +557,7 @@ def set_up(s: float, n: int, work):
                     row[begin + other] = -s * INTEGRALS[k, other] * j[other, a, b]
             row[first + k] += 1.0
             right = row[LAST * n : LAST * n + count]
-            right[:] = v[0, a]
+            copy(v[0, a], right)
             for b in range(n):
                 share = s * INTEGRALS[k, 0] * j[0, a, b]
                 if share != 0.0:
@@ -648,7 +648,7 @@ def vary_factor(m: np.ndarray, d: np.ndarray, columns, count: int, scale: float,
 
 @njit(**INNER)
 def begin_factor(m: np.ndarray, d: np.ndarray, columns, work):
-    """The same where a motion begins, at a moment that no column moves."""
+    """The same where a window begins, at a moment that no column moves."""
     for c in range(columns.kind.size):
         work.factor[c] = 0.0
     if int(d[REGIME]) != FREE:
@@ -773,7 +773,9 @@ def run_varied(model: Model, d, z, seconds: float, rtol: float, columns: Columns
     columns, work = borrow_columns(columns), borrow_variation(work)
     slope, now = np.zeros(z.size), 0.0
     prepare(m, d, z, NO, scratch)
-    begin_factor(m, d, columns, work)
+    # a contact that has begun keeps its factor
+    for c in range(columns.kind.size):
+        work.factor[c] = 0.0
     while now < seconds:
         copy(scratch[BEGIN_SLOPE], slope)
         status, taken = advance(m, d, z, seconds - now, rtol, YES, scratch)

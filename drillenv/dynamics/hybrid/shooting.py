@@ -246,7 +246,10 @@ def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot
     columns, work = borrow_columns(columns), borrow_variation(work)
     count, rate, stride = columns.kind.size, windows.rate, windows.stride
     z, before, slope = np.zeros(scratch.shape[1]), np.zeros(scratch.shape[1]), np.zeros(scratch.shape[1])
-    at = np.zeros(int(np.max(np.diff(windows.starts))) + 1)
+    longest = 0
+    for window in range(windows.starts.size - 1):
+        longest = max(longest, int(windows.starts[window + 1] - windows.starts[window]))
+    at = np.zeros(longest + 1)
     made = windows.impacts
     for window in range(windows.starts.size - 1):
         begin_window(m, d, z, windows, window, made, columns, work, scratch)

@@ -1,24 +1,50 @@
-"""Variational equations and saltation against differences of runs: the flow after a while, by each state."""
+"""Variational equations and saltation against differences of runs: the flow after a while, by each state
+and by what the model is made of."""
 
 import functools
 
 import numpy as np
 import pytest
 
+from drillenv.dynamics.constitutive.tables import DEGREE
 from drillenv.dynamics.effects import EVERYWHERE, LIBRARY, Chosen, Effect, Extra, Parameter, make
 from drillenv.dynamics.hybrid.model import model_for, motion_at
 from drillenv.dynamics.hybrid.run import SAMPLE_COLUMNS, extras_table, integrate
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
-from drillenv.dynamics.hybrid.sensitivity import by_state, make_variation, run_varied
+from drillenv.dynamics.hybrid.sensitivity import LAW, Columns, by_state, make_variation, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
+    AIR_RATE,
     AIR_STIFFNESS,
+    COEFFICIENTS,
+    DRIVE_LAG,
+    F_A,
+    F_B,
+    FIRST,
+    GRIP1,
+    GRIP2,
+    KL,
+    KU,
+    M1,
+    M2,
+    MOUNT_DAMPING,
+    MOUNT_GAIN,
     MOUNT_SQUARE,
     OWN,
+    PIECE_COLUMNS,
+    PIECES,
+    PIECES_AT,
     REGIME,
+    ROTATION,
+    ROTATION_PHASE,
+    ROTATION_RATE,
+    ROTATION_SHARE,
     SIZES_AT,
+    TIME,
     UD,
     V1,
     V2,
+    C,
+    K,
     Q,
     U,
     W,
@@ -139,3 +165,56 @@ def test_tangent_of_the_return_map(name):
         point = section.point(place, regime_of(place))
         by_equations, by_differences = section.tangent(place, point, 1), section.tangent_by_differences(place, point, 1)
         assert np.max(np.abs(by_equations - by_differences)) < 1e-5 * np.max(np.abs(by_differences))
+
+
+SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_RATE, DRIVE_LAG,
+           ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2]  # fmt: skip
+"""By which a column may be."""
+
+
+def pieces_of(model, law):
+    """(pieces, DEGREE + 1) the coefficients of a law, not a copy."""
+    first, count = int(model.laws[law, FIRST]), int(model.laws[law, PIECES])
+    return model.flat[PIECES_AT:][: (first + count) * PIECE_COLUMNS].reshape(-1, PIECE_COLUMNS)[first:, COEFFICIENTS:]
+
+
+@pytest.mark.parametrize("name", [*MOVING, *MORE])
+def test_sensitivities_by_scalars_and_laws_are_those_of_differences(name):
+    """Of each scalar that is there, and of the size of each law; in a contact that has begun, its factor stays."""
+    rig, periods = bench(name), 2.1
+    scalars = [at for at in SCALARS if rig.model.s[at] != 0.0]
+    laws = range(len(rig.model.laws))
+    pieces = [pieces_of(rig.model, law) for law in laws]
+    count, rows = len(scalars) + len(laws), np.cumsum([0, *map(len, pieces)])
+    columns = Columns(
+        np.array([*scalars, *[LAW] * len(laws)], dtype=np.int64),
+        np.array([*[0] * len(scalars), *laws], dtype=np.int64),
+        np.array([*[0] * len(scalars), *rows[:-1]], dtype=np.int64),
+        np.zeros(count),
+        np.concatenate([np.zeros((0, DEGREE + 1)), *pieces]),
+    )
+    work, motion = make_variation(rig.model, count), rig.begin.copy()
+    status, _now = run_varied(rig.model, *motion, periods / SETTING.frequency, RTOL, columns, work, rig.scratch)
+    assert status == 0
+
+    def ends(column, change):
+        other = rig.model._replace(flat=rig.model.flat.copy())
+        if column < len(scalars):
+            other.flat[scalars[column]] += change
+        else:
+            pieces_of(other, laws[column - len(scalars)])[...] *= 1.0 + change
+        motion, rows = rig.begin.copy(), np.zeros((0, SAMPLE_COLUMNS + len(rig.extras)))
+        if column < len(scalars) and scalars[column] == ROTATION_RATE:
+            # it has turned like this since time 0
+            motion.d[ROTATION] += change * motion.d[TIME]
+        status, *_rest = integrate(
+            True, other, *motion, False, periods / SETTING.frequency, 1.0, rows, rig.extras, RTOL, rig.scratch
+        )
+        assert status == 0
+        return motion.z[: other.tally]
+
+    for column in range(count):
+        step = 3e-5 * (abs(rig.model.s[scalars[column]]) if column < len(scalars) else 1.0)
+        one, two = ((ends(column, h) - ends(column, -h)) / (2.0 * h) for h in (step, 0.5 * step))
+        ours, theirs = work.v[0, :, column] / rig.sizes, (4.0 * two - one) / 3.0 / rig.sizes
+        assert np.max(np.abs(ours - theirs)) < 1e-6 * np.max(np.abs(theirs)) + 1e-12, column
