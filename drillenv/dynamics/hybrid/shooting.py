@@ -226,6 +226,22 @@ def read_slopes(m, s: float, first: int, last: int, begun: float, rate: float, a
                 row[k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))
 
 
+@njit(**INNER)
+def read_path(m, s: float, first: int, last: int, begun: float, windows, path, scratch):
+    """The same of the states that lie at the path's samples."""
+    apart()
+    d, stride, length = scratch[BEGIN_D], windows.stride, scratch[FLAGS, LENGTH]
+    regime = int(d[REGIME])
+    for k in range(-(-first // stride), path.shape[1]):
+        if k * stride >= last:
+            break
+        inside_step(m, min(max((k * stride - begun) / windows.rate, 0.0), s) / length, scratch)
+        for i in range(OWN):
+            path[i, k] = scratch[SPARE, i]
+        if regime != FREE:
+            path[W, k] = law_force(m, d, regime, scratch[SPARE, W]) / stiffness(m, d, ON_LOADING)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot: Shot, work: Variation, scratch):
     """Run every window, with the derivatives asked for.
@@ -244,7 +260,7 @@ def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot
     """
     m, d, scratch = borrowed(model.flat), borrowed(d), borrowed(scratch)
     columns, work = borrow_columns(columns), borrow_variation(work)
-    count, rate, stride = columns.kind.size, windows.rate, windows.stride
+    count, rate = columns.kind.size, windows.rate
     z, before, slope = np.zeros(scratch.shape[1]), np.zeros(scratch.shape[1]), np.zeros(scratch.shape[1])
     longest = 0
     for window in range(windows.starts.size - 1):
@@ -280,16 +296,8 @@ def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot
                 read_signals(m, taken, sample, following, begun, rate, at, shot.said, scratch)
                 if count > 0:
                     read_slopes(m, taken, sample, following, begun, rate, at, columns, work, shot.by_column)
-                for k in range(-(-sample // stride), shot.path.shape[1]):
-                    if k * stride >= following:
-                        break
-                    inside_step(m, min(max((k * stride - begun) / rate, 0.0), taken) / length, scratch)
-                    for i in range(OWN):
-                        shot.path[i, k] = scratch[SPARE, i]
-                    regime = int(scratch[BEGIN_D, REGIME])
-                    if regime != FREE:
-                        force = law_force(m, scratch[BEGIN_D], regime, scratch[SPARE, W])
-                        shot.path[W, k] = force / stiffness(m, scratch[BEGIN_D], ON_LOADING)
+                if shot.path.shape[1] > 0:
+                    read_path(m, taken, sample, following, begun, windows, shot.path, scratch)
                 sample = following
             if count > 0:
                 # what the event's reset map began from
