@@ -20,7 +20,7 @@ from drillenv.dynamics.constitutive.places import (
     UNLOADING,
     Shape,
 )
-from drillenv.dynamics.constitutive.tables import DEGREE, Table
+from drillenv.dynamics.constitutive.tables import DEGREE, FIT, NODES, Table
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
 from drillenv.dynamics.hybrid import model as hybrid
@@ -28,8 +28,6 @@ from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.model import Placed, assemble, law_table
 from drillenv.dynamics.hybrid.sensitivity import LAW, STATE, Columns
 
-_NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
-_FIT = np.linalg.inv(np.vander(_NODES, increasing=True))
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
 
@@ -69,9 +67,9 @@ def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> li
         given = REGISTRY[law.effect].laws[PLACES[place].name]
         shape = given.law if isinstance(given, Shape) else given
         middle, half = 0.5 * (table.knots[1:] + table.knots[:-1]), 0.5 * np.diff(table.knots)
-        x = (middle[:, None] + half[:, None] * np.clip(_NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
+        x = (middle[:, None] + half[:, None] * np.clip(NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
         change = shape(x, other.parameters, beside) - shape(x, law.parameters, stiffness)
-        found.append(change.reshape(len(half), -1) @ _FIT.T)
+        found.append(change.reshape(len(half), -1) @ FIT.T)
     return found
 
 

@@ -73,10 +73,10 @@ def slope(values: Floats, axes: Axes, place: int, x: Floats) -> Floats:
 
 
 def _between(values: Floats) -> Floats:
-    """(..., GRID) derivative of values by the position, of the fourth order."""
+    """(..., GRID) derivative of values by the position, of the fourth order, at the ends of the second."""
     made = np.empty_like(values)
     made[..., 2:-2] = (8.0 * (values[..., 3:-1] - values[..., 1:-3]) - (values[..., 4:] - values[..., :-4])) / 12.0
-    made[..., [0, 1, -2, -1]] = np.gradient(values, axis=-1)[..., [0, 1, -2, -1]]
+    made[..., [1, -2]] = 0.5 * (values[..., [2, -1]] - values[..., [0, -3]])
     made[..., 0] = -1.5 * values[..., 0] + 2.0 * values[..., 1] - 0.5 * values[..., 2]
     made[..., -1] = 1.5 * values[..., -1] - 2.0 * values[..., -2] + 0.5 * values[..., -3]
     return made

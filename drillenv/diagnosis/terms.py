@@ -85,10 +85,6 @@ class Model:
                 total += np.log(np.clip(curve, 1e-3, 1e3)) if place <= UNLOADING else curve
         return total
 
-    def curves(self) -> Floats:
-        """(PLACES, GRID) the same at every place."""
-        return np.array([self.curve(place) for place in range(PLACES)])
-
     def bends(self, place: int) -> bool:
         """Whether any law acts at a place."""
         return bool(np.any(self.free[place])) or any(place in acts_at(e.effect, e.form)[0] for e in self.laws)

@@ -22,9 +22,10 @@ GOOD, FLOOR = 2e-14, 4e-15
 """Error of a piece over the law's largest value on it, and over that on the whole range, at most."""
 NARROW = 2.0**-36
 """Width over the whole range at which halving has run into a corner."""
-_NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
-_BETWEEN = 0.5 * (_NODES[1:] + _NODES[:-1])
-_FIT = np.linalg.inv(np.vander(_NODES, increasing=True))
+NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+_BETWEEN = 0.5 * (NODES[1:] + NODES[:-1])
+FIT = np.linalg.inv(np.vander(NODES, increasing=True))
+"""Chebyshev's points from -1 to 1 that a piece goes through, and the matrix from values there to its coefficients."""
 _CHECK = np.vander(_BETWEEN, DEGREE + 1, increasing=True)
 
 
@@ -91,14 +92,14 @@ def _refined(law: Callable[[Floats], Floats], edges: Floats) -> tuple[Floats, Fl
     starts, kept, corners = [], [], []
     while left.size:
         middle, half = 0.5 * (left + right), 0.5 * (right - left)
-        x = middle[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
+        x = middle[:, None] + half[:, None] * np.concatenate([NODES, _BETWEEN])
         x[:, 0], x[:, DEGREE] = left, right
         values = np.asarray(law(x.ravel()), dtype=float).reshape(x.shape)
         if not np.all(np.isfinite(values)):
             raise NotSmoothError("it has values that are not finite")
         sizes = np.abs(values).max(axis=1)
         largest = max(largest, float(sizes.max()))
-        fitted = values[:, : DEGREE + 1] @ _FIT.T
+        fitted = values[:, : DEGREE + 1] @ FIT.T
         error = np.abs(fitted @ _CHECK.T - values[:, DEGREE + 1 :]).max(axis=1)
         good = error <= GOOD * sizes + FLOOR * largest
         stuck = ~good & (right - left <= NARROW * span)
