@@ -18,7 +18,7 @@ from drillenv.dynamics.constitutive.places import (
     RATE_FACTOR,
     RATE_FORCE,
     UNLOADING,
-    Shape,
+    shape_of,
 )
 from drillenv.dynamics.constitutive.tables import DEGREE, FIT, NODES, Table
 from drillenv.dynamics.effects import REGISTRY
@@ -65,7 +65,7 @@ def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> li
     found = []
     for place, _over, table in equation_tables(law.effect, law.form, law.parameters, stiffness):
         given = REGISTRY[law.effect].laws[PLACES[place].name]
-        shape = given.law if isinstance(given, Shape) else given
+        shape = shape_of(given).law
         middle, half = 0.5 * (table.knots[1:] + table.knots[:-1]), 0.5 * np.diff(table.knots)
         x = (middle[:, None] + half[:, None] * np.clip(NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
         change = shape(x, other.parameters, beside) - shape(x, law.parameters, stiffness)

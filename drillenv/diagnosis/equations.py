@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drillenv.diagnosis.solver import Floats
-from drillenv.dynamics.constitutive.places import CODE, GUIDE, INDENTER, PLACES, UNLOADING, Shape
+from drillenv.dynamics.constitutive.places import CODE, GUIDE, INDENTER, PLACES, UNLOADING, Shape, shape_of
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
 
@@ -85,7 +85,7 @@ def acts_at(effect: str, form: Form) -> tuple[frozenset[int], frozenset[str]]:
         place = PLACES[CODE[name]]
         x = np.linspace(place.low, place.high, 1001)
         shape = isinstance(law, Shape)
-        values = law.law(x, p, 7e4) if isinstance(law, Shape) else law(x, p, 7e4)
+        values = shape_of(law).law(x, p, 7e4)
         if not np.array_equal(values, x if shape else np.zeros_like(x)):
             places.add(CODE[name])
     scalars = scalars_of(effect, p)

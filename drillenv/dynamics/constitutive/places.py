@@ -43,6 +43,11 @@ class Shape(NamedTuple):
     over: Over = "depth"
 
 
+def shape_of(given: Law | Shape) -> Shape:
+    """What an effect states at a place, a plain law as one over the place's argument."""
+    return given if isinstance(given, Shape) else Shape(given)
+
+
 @dataclass(frozen=True, slots=True)
 class Place:
     """A place for a law."""

@@ -12,7 +12,7 @@ from numba import njit
 
 from drillenv.checks import InputError, number
 from drillenv.dynamics.constitutive import places
-from drillenv.dynamics.constitutive.places import CODE, OVER, PLACES, SCALARS, Shape
+from drillenv.dynamics.constitutive.places import CODE, OVER, PLACES, SCALARS, Shape, shape_of
 from drillenv.dynamics.constitutive.tables import NotSmoothError, Table, tabulate, toward_zero
 from drillenv.dynamics.effects import Chosen, Effect
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
@@ -80,7 +80,7 @@ def tables_of(chosen: Chosen, stiffness: float) -> tuple[tuple[int, int, Table],
     found = []
     for name, given in chosen.effect.laws.items():
         place = PLACES[CODE[name]]
-        law, x = (given.law if isinstance(given, Shape) else given), np.linspace(place.low, place.high, 101)
+        law, x = shape_of(given).law, np.linspace(place.low, place.high, 101)
         if np.array_equal(law(x, chosen.values, stiffness), x if isinstance(given, Shape) else np.zeros_like(x)):
             continue
         try:
@@ -97,7 +97,7 @@ def law_table(effect: Effect, name: str, values: tuple[float, ...], stiffness: f
         NotSmoothError: it cannot be tabulated.
     """
     given, place = effect.laws[name], PLACES[CODE[name]]
-    shape = given if isinstance(given, Shape) else Shape(given)
+    shape = shape_of(given)
 
     def law(x: np.ndarray) -> np.ndarray:
         found = shape.law(x, values, stiffness)
