@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -55,14 +55,6 @@ class Constants(Term):
         s[V.F_A] += drive * drive_force
         s[V.F_B] += push * static_force
         s[V.KL], s[V.KU] = loading, unloading
-
-    def freed(self, name: str) -> Constants:
-        """The same with one that need not be near to what is stated."""
-        return replace(self, unknowns=tuple(e._replace(std=math.inf) if e.name == name else e for e in self.unknowns))
-
-    def held(self, name: str) -> Constants:
-        """The same with one that is believed as stated."""
-        return replace(self, unknowns=tuple(e._replace(std=e.width) if e.name == name else e for e in self.unknowns))
 
 
 def constants(nominal: Mapping[str, Nominal]) -> Constants:

@@ -196,6 +196,11 @@ class Recorded:
         self.line_precision = np.concatenate([precision for _, precision in shapes])
 
     @property
+    def name(self) -> str:
+        """Of the recording."""
+        return self.scene.name
+
+    @property
     def samples(self) -> int:
         """How many numbers are judged."""
         return self.measured[:, self.judged].size - self.wait
@@ -316,6 +321,12 @@ class Recorded:
             elif change is not None and place == DAMPER:
                 by_column[:, j, V1] = -look(change, axes, place, closing) / damped
         return Varied(given, by_own, by_column)
+
+    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[Recorded, Floats]:
+        """The same under a hypothesis with more terms, and its own unknowns with the states that these have."""
+        kept, size = self.state_count(own), OWN if any(term.remembers for term in hypothesis.terms) else 4
+        widened = resized(own, self.windows, max(size, kept), kept, len(self.lines))
+        return replace(self, hypothesis=hypothesis), widened
 
     def state_count(self, own: Floats) -> int:
         """States a window."""
@@ -693,6 +704,23 @@ class Recorded:
         if rows:
             moved[at] += self.judged_only(np.array(rows))
         return moved * self.widths[:, None, None]
+
+
+def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:
+    """The same with so many states a window, where it had ``kept``, and so many amplitudes of lines."""
+    states = np.zeros((windows, size))
+    take = min(kept, size)
+    states[:, :take] = own[: windows * kept].reshape(windows, kept)[:, :take]
+    behind = np.zeros(2 + lines)
+    behind[:2] = own[windows * kept : windows * kept + 2]
+    if own.size == windows * kept + 2 + lines:
+        behind = own[windows * kept :]
+    return np.concatenate([states.ravel(), behind])
+
+
+def kept_of(own: Floats, windows: int) -> int:
+    """States a window of own unknowns whose lines are fewer than three windows."""
+    return OWN if (own.size - 2) // windows >= OWN else 4
 
 
 def absent(model: Model) -> list[int]:

@@ -10,10 +10,11 @@ import numpy as np
 
 from drillenv.corrected import Corrected
 from drillenv.diagnosis.constants import NAMES
+from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
 from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response
-from drillenv.diagnosis.naming import MOST, effect_of, law_of
+from drillenv.diagnosis.naming import MOST, effect_of
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.sensing import Added, Sensor

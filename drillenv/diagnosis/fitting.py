@@ -1,22 +1,17 @@
-"""Fits of a hypothesis to recordings, and the noise that they leave."""
+"""Fits of a hypothesis to recordings."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Recorded
-from drillenv.diagnosis.laws import axes_of
-from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines, nuisance
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.diagnosis.thresholds import CLOSE
-from drillenv.dynamics.hybrid import vector_field as V
 
 FREE, JOINED = 1e3, 1.0
 """Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
@@ -24,8 +19,6 @@ within the integrator's error."""
 GRADUAL = (100.0, 10.0, JOINED)
 """From one to the other in smaller steps."""
 FULL = Limits()
-LOWEST_LINE = 130.0
-"""Hz from which lines are of the noise. Below, floors shake and mains hum, with two orders: families of their own."""
 SETTLING = 6
 """Steps of own unknowns alone before a fit that begins elsewhere."""
 
@@ -35,7 +28,8 @@ class Fitted:
     """A hypothesis fitted to recordings."""
 
     hypothesis: Hypothesis
-    blocks: list[Recorded]
+    blocks: list[Any]
+    """Recordings as the rig's adapter makes them: :class:`~drillenv.diagnosis.adapter.RecordingProblem`."""
     fit: Fit
     priors: Priors
 
@@ -50,7 +44,7 @@ class Fitted:
         return self.fit.cost
 
     @property
-    def noise(self) -> list[Noise]:
+    def noise(self) -> list[Any]:
         """Of each recording."""
         return [each.noise for each in self.blocks]
 
@@ -92,128 +86,21 @@ def priors_of(hypothesis: Hypothesis) -> Priors:
     )
 
 
-Noise = tuple[NoiseModel, NoiseModel]
-
-
-def noise_of(data: Conditioned) -> Noise:
-    """White noise as conditioning has found it."""
-    return NoiseModel(data.noise_force, 0.0, (), data.rate), NoiseModel(data.noise_acceleration, 0.0, (), data.rate)
-
-
-def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
-    """Noise of each recording as a fit's residuals show it."""
-
-    def estimated(block: Recorded, own: Floats) -> Noise:
-        left, quanta = left_by(fitted, block, own), block.data.quanta
-        return level(left[0], quanta[0], block), level(left[1], quanta[1], block)
-
-    def level(row: Floats, quantum: float, block: Recorded) -> NoiseModel:
-        rate, tone = block.data.rate, float(block.scene.frequency)
-        found = lines_of_noise(estimate(row, rate, tone, quantum))
-        lone = lone_lines(row, rate, tone, found)
-        alone = lines_of_noise(replace(found, lines=tuple(sorted((*found.lines, *lone)))))
-        if alone.lines == found.lines:
-            return found
-        # with them gone the level is another
-        columns = line_columns(alone, row.size).T
-        again = lines_of_noise(estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, quantum))
-        return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
-
-    each: Callable = map if pool is None else pool.map
-    return list(each(estimated, fitted.blocks, fitted.fit.own))
-
-
-def left_by(fitted: Fitted, block: Recorded, own: Floats) -> Floats:
-    """(2, n) residuals of a recording; lines that are known already are left in."""
-    values = fitted.values
-    raw = block.integrate(fitted.hypothesis.model(values, block.scene), own)
-    return (block.measured - block.read(values, raw.said))[:, block.steady]
-
-
-def lines_of_noise(level: NoiseModel) -> NoiseModel:
-    """The same without lines at frequencies at which something else may be seen."""
-    return replace(level, lines=tuple(each for each in level.lines if each >= LOWEST_LINE))
-
-
-def with_lines_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
-    """The noise that a fit was weighed by, with lines as its residuals show them off the harmonics of the excitation.
-
-    What a model misses of a motion that repeats itself lies on harmonics: these lines are seen however far it is off.
-    """
-
-    def known(block: Recorded, own: Floats) -> Noise:
-        rate, tone = block.data.rate, float(block.scene.frequency)
-        first, second = (
-            replace(level, lines=lines_of_noise(estimate(row, rate, tone)).lines)
-            for row, level in zip(left_by(fitted, block, own), block.noise, strict=True)
-        )
-        return first, second
-
-    each: Callable = map if pool is None else pool.map
-    return list(each(known, fitted.blocks, fitted.fit.own))
-
-
-def quietest(noise: Sequence[Noise], data: Sequence[Conditioned], lines: bool = False) -> list[Noise]:
-    """One noise for all recordings: that of the recording in which a channel has the least power.
-
-    Sensors are the same in all of them, and where a model is far off its residuals are their noise and more. ``lines``
-    keeps each recording's, in the order of the noise.
-    """
-
-    def power(level: NoiseModel) -> float:
-        # from a hertz to the Nyquist frequency, over the rate
-        return level.std**2 / level.rate * (1.0 + 2.0 * level.corner / level.rate * math.log(level.rate / 2.0))
-
-    least = [min((each[i] for each in noise), key=power) for i in range(2)]
-
-    def at(rate: float, own: Noise | None) -> Noise:
-        first, second = (
-            replace(level, std=level.std * math.sqrt(rate / level.rate), lines=own[i].lines if own else (), rate=rate)
-            for i, level in enumerate(least)
-        )
-        return first, second
-
-    return [at(each.rate, noise[i] if lines else None) for i, each in enumerate(data)]
-
-
-def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:
-    """The same with so many states a window, where it had ``kept``, and so many amplitudes of lines."""
-    states = np.zeros((windows, size))
-    take = min(kept, size)
-    states[:, :take] = own[: windows * kept].reshape(windows, kept)[:, :take]
-    behind = np.zeros(2 + lines)
-    behind[:2] = own[windows * kept : windows * kept + 2]
-    if own.size == windows * kept + 2 + lines:
-        behind = own[windows * kept :]
-    return np.concatenate([states.ravel(), behind])
-
-
-def kept_of(own: Floats, windows: int) -> int:
-    """States a window of own unknowns whose lines are fewer than three windows."""
-    return V.OWN if (own.size - 2) // windows >= V.OWN else 4
-
-
-def fitted_to(own: Floats, windows: int, size: int, level: Noise) -> Floats:
-    """Own unknowns with so many states a window, and amplitudes of the lines of a noise model."""
-    lines = sum(len(nuisance(each, 2)[1]) for each in level)
-    return resized(own, windows, size, kept_of(own, windows), lines)
-
-
-def chained(blocks: Sequence[Recorded], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
-    """Own unknowns with which windows go on from each other: see :meth:`Recorded.chained`."""
+def chained(blocks: Sequence[Any], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
+    """Own unknowns with which windows go on from each other: see :meth:`RecordingProblem.chained`."""
     each: Callable = map if pool is None else pool.map
     return list(each(lambda block, x: block.chained(shared, x), blocks, own))
 
 
 def fit_to(
-    data: Sequence[Conditioned],
+    data: Sequence[Any],
     hypothesis: Hypothesis,
     start: Floats | None,
     own: Sequence[Floats],
     pool: Executor | None,
     weight: float,
     limits: Limits = FULL,
-    noise: Sequence[Noise] | None = None,
+    noise: Sequence[Any] | None = None,
     settled: bool = False,
 ) -> Fitted:
     """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block.
@@ -222,12 +109,10 @@ def fit_to(
     """
     priors = priors_of(hypothesis)
     shared = priors.centre.copy() if start is None else start
-    size = V.OWN if any(term.remembers for term in hypothesis.terms) else 4
-    levels = [noise_of(each) if noise is None else noise[i] for i, each in enumerate(data)]
-    own = [
-        fitted_to(each, len(one.starts) - 1, size, level) for each, one, level in zip(own, data, levels, strict=True)
-    ]
-    blocks = [Recorded(each, hypothesis, weight, level) for each, level in zip(data, levels, strict=True)]
+    rig = hypothesis.rig
+    levels = [rig.first_noise(each) if noise is None else noise[i] for i, each in enumerate(data)]
+    own = [rig.own_for(each, one, hypothesis, level) for each, one, level in zip(own, data, levels, strict=True)]
+    blocks = [rig.block(each, hypothesis, weight, level) for each, level in zip(data, levels, strict=True)]
     samples = sum(each.samples for each in blocks)
     if settled:
         each: Callable = map if pool is None else pool.map
@@ -239,9 +124,7 @@ def fit_to(
     return Fitted(hypothesis, blocks, fit, priors)
 
 
-def joined(
-    data: Sequence[Conditioned], found: Fitted, pool: Executor, limits: Limits, noise: Sequence[Noise]
-) -> Fitted:
+def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, noise: Sequence[Any]) -> Fitted:
     """A fit whose windows are nearly free, with windows that go on from each other as closely as the model can.
 
     At once, or else in small steps, of which the last is kept at which the model still comes close.
@@ -260,23 +143,7 @@ def joined(
     return found
 
 
-def restarted(blocks: Sequence[Recorded], fit: Fit, pool: Executor | None) -> list[Floats]:
+def restarted(blocks: Sequence[Any], fit: Fit, pool: Executor | None) -> list[Floats]:
     """Own unknowns of each block, windows that stand out begun anew."""
     each: Callable = map if pool is None else pool.map
     return list(each(lambda block, own: block.restarted(fit.shared, own), blocks, fit.own))
-
-
-def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
-    """Path (7, n) and model of each recording, where the fit stands."""
-    values = fitted.values
-    models = [fitted.hypothesis.model(values, each.scene) for each in fitted.blocks]
-
-    return list(pool.map(Recorded.path, fitted.blocks, models, fitted.fit.own)), models
-
-
-def axes_at(fitted: Fitted, pool: Executor):
-    """Axes over the ranges that a fit's motions visit."""
-    paths, models = motions(fitted, pool)
-    drive = max(float(each.s[V.F_A]) for each in models)
-    rest = [float(each.s[V.F_B] / each.s[V.K]) for each in models]
-    return axes_of(paths, drive, rest)

@@ -443,7 +443,7 @@ def on_axes(hypothesis: Hypothesis, axes: Axes) -> Hypothesis:
             basis = np.array([look(row, hypothesis.axes, term.place, x) for row in term.basis])
             term = replace(term, basis=basis)
         terms.append(term)
-    return Hypothesis(tuple(terms), axes)
+    return replace(hypothesis, terms=tuple(terms), axes=axes)
 
 
 STRAIGHT = {

@@ -2,52 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from itertools import product
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.constants import Constants
-from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.fitting import Fitted, fit_to
-from drillenv.diagnosis.laws import (
-    DRIVE_LAG,
-    LOGARITHMS,
-    NUMBERS,
-    STRAIGHT,
-    Curve,
-    Equation,
-    Family,
-    Gain,
-    equations,
-    on_axes,
-    wider,
-)
-from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
+from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats, Limits
-from drillenv.diagnosis.tables import GRID, Axes
-from drillenv.diagnosis.terms import Hypothesis, Model, Term
+from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR
-from drillenv.dynamics.constitutive.places import DRIVE, LOADING, SPRING, UNLOADING
-from drillenv.dynamics.hybrid import vector_field as V
 
-LEVEL = 0.08
-"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)
 """Steps of an equation's fit before it is seen whether it explains anything, and after."""
 MOST = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
-STARTS = 2
-"""Starts of an equation that are followed to their end."""
-FARTHEST_SHIFT = 2.0
-"""Share of its range by which a spring's law may be counted from elsewhere."""
 TENSE = 2.0
 """Stated standard deviations from which a constant may be held back from where an equation would have it."""
 
@@ -72,30 +44,11 @@ class Named:
         return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + LAW_ERROR**2 * gain
 
 
-SENSORS = {
-    "accelerometer": ("accelerometer-resonance", "accelerometer-lowpass", "channel-delay"),
-    "channel-delay": ("channel-delay",),
-    "load-cell-inertia": ("load-cell-inertia",),
-    "sensor-offset": ("sensor-offset",),
-    "mains-hum": ("mains-hum", "hum 50 Hz", "hum 60 Hz"),
-    "sensor-highpass": (),
-    "crosstalk": (),
-}
-"""Equations of sensors by the family whose law they may follow."""
-
-
 def effect_of(term: Term) -> str:
     """The name of an equation's effect."""
     if isinstance(term, Equation):
         return term.effect
     return "mains-hum" if term.name.startswith("hum") else term.name
-
-
-def constants_of(hypothesis: Hypothesis) -> Constants:
-    """The paper's model, a hypothesis' first term."""
-    first = hypothesis.terms[0]
-    assert isinstance(first, Constants)
-    return first
 
 
 def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[Hypothesis, Floats]:
@@ -108,237 +61,39 @@ def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[
     kept = [each.name not in names for each in whole.terms]
     left = [each for each, stays in zip(whole.terms, kept, strict=True) if stays]
     if constant:
-        left[0] = constants_of(whole).held(constant)
+        left[0] = left[0].held(constant)
     parts = [part for part, stays in zip(whole.split(fitted.fit.shared), kept, strict=True) if stays]
-    return Hypothesis(tuple(left), whole.axes), np.concatenate(parts)
+    return replace(whole, terms=tuple(left)), np.concatenate(parts)
 
 
 def with_more(hypothesis: Hypothesis, begun: Floats, family: Family) -> tuple[Hypothesis, Floats]:
     """A hypothesis with one more family, and where its parameters begin, in the solver's units."""
     terms = [*hypothesis.terms, *family.terms]
     if family.constant:
-        terms[0] = constants_of(hypothesis).freed(family.constant)
+        terms[0] = terms[0].freed(family.constant)
     start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
-    return Hypothesis(tuple(terms), hypothesis.axes), start
+    return replace(hypothesis, terms=tuple(terms)), start
 
 
-def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
-    """What some terms add to the model of a recording, the paper's constants aside."""
-    names = {each.name for each in terms}
-    model = Model()
-    constants = fitted.hypothesis.terms[0]
-    split = fitted.hypothesis.split(fitted.values)
-    constants.contribute(split[0], model, scene, fitted.hypothesis.axes)
-    for term, own in zip(fitted.hypothesis.terms, split, strict=True):
-        if term.name in names:
-            term.contribute(own, model, scene, fitted.hypothesis.axes)
-    return model
-
-
-def as_law(place: int, axes: Axes, stated: float, other: float) -> Floats:
-    """(GRID,) what another value of the constant whose law is straight at a place is as a part of the law there."""
-    x, ratio = axes.points(place), other / stated
-    if place in LOGARITHMS:
-        return np.full(GRID, math.log(ratio))
-    return x * (ratio - 1.0) if place == DRIVE else (other - stated) * x
-
-
-def same_forces(axes: Axes, model: Model, other: Model) -> Axes:
-    """Axes on which laws of ``other`` stand for the same forces of rock and drive as those of ``model`` on ``axes``.
-
-    The contact's coordinate is the force over the loading stiffness, which may differ, and so may the drive's gain.
-    """
-    scale = axes.scale.copy()
-    scale[DRIVE] *= other.s[V.F_A] / model.s[V.F_A]
-    scale[[LOADING, UNLOADING]] *= model.s[V.KL] / other.s[V.KL]
-    return axes._replace(scale=scale)
-
-
-def shifted(axes: Axes, share: float) -> Axes:
-    """Axes on which a spring's law stands a share of its range further on: where it has no force, no recording says."""
-    low = axes.low.copy()
-    low[SPRING] += share * axes.step[SPRING] * (GRID - 1)
-    return axes._replace(low=low)
-
-
-def precision_of(fitted: Fitted, family: Family) -> Floats:
-    """(m, m) lower Cholesky factor of the precision of constants and a family's parameters, all others at their best.
-
-    In the solver's units.
-    """
-    names = {each.name for each in (fitted.hypothesis.terms[0], *family.terms)}
-    terms = fitted.hypothesis.terms
-    inside = np.repeat([each.name in names for each in terms], [len(each.unknowns) for each in terms])
-    covariance = fitted.fit.covariance[np.ix_(inside, inside)]
-    precision = np.linalg.pinv(covariance, hermitian=True) + 1e-9 * np.eye(len(covariance))
-    return np.asarray(np.linalg.cholesky(precision), dtype=float)
-
-
-class Rival(NamedTuple):
-    """An equation that could stand for a family's law."""
-
-    equation: Term
-    starts: list[tuple[Floats, Floats]]
-    """Constants and parameters with which it begins, in the solver's units, the best first."""
-    worse: float
-    """By how much it is worse than the law from the best of them, in log-likelihood, by the quadratic about the law."""
-
-
-def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
-    """Where an equation comes nearest to the free law, from each of its own starts.
-
-    Nearest by the quadratic of the log-likelihood about the free fit, so that a law counts where recordings say
-    something of it. Constants move with it: a free law leaves to them what they can take up, an equation need not.
-    """
-    scenes = [each.scene for each in fitted.blocks]
-    found = [law_of(fitted, family.terms, scene) for scene in scenes]
-    axes, constants = fitted.hypothesis.axes, fitted.hypothesis.terms[0]
-    own = fitted.hypothesis.split(fitted.values)[0]
-    curves = {term.place: np.linalg.pinv(term.basis.T) for term in family.terms if isinstance(term, Curve)}
-    # the same in every recording, as is what an equation says there
-    standing = {place: found[0].curve(place) for place in curves}
-    widths = {term.place: np.array([each.width for each in term.unknowns]) for term in family.terms
-              if isinstance(term, Curve)}  # fmt: skip
-    # but for a gain that falls with the frequency, the recordings say the same
-    seen = scenes if DRIVE_LAG in acts_at(equation.effect, equation.form)[1] else scenes[:1]
-    weight = math.sqrt(len(scenes) / len(seen))
-    factor = precision_of(fitted, family) if curves else None
-    names = [each.name for each in constants.unknowns]
-    width = np.array([each.width for each in (*constants.unknowns, *equation.unknowns)])
-    count = own.size
-    straight = {place: names.index(STRAIGHT[place]) for place in curves if place in STRAIGHT}
-    believed = np.array([each.std for each in constants.unknowns])
-    stated = np.array([each.value for each in constants.unknowns])
-
-    def misfit(scaled: Floats) -> Floats:
-        values, shift, rows = scaled[:-1] * width, scaled[-1], []
-        off: dict[int, Floats] = {}
-        for model, scene in zip(found, seen, strict=False):
-            tried = Model()
-            constants.contribute(values[:count], tried, scene, axes)
-            equation.contribute(values[count:], tried, scene, shifted(same_forces(axes, model, tried), shift))
-            if not off:
-                off = {place: tried.curve(place) - standing[place] for place in curves}
-            for i in (*NUMBERS.values(), V.F_A):
-                if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
-                    rows.append(weight * math.log(max(tried.s[i], 1e-12) / model.s[i]))
-        if factor is None:
-            return np.concatenate([rows, 1e-2 * (scaled[:count] - own / width[:count]), [0.0]])
-        change, priors = values[:count] - own, [1e-3 * shift]
-        for place, i in straight.items():
-            # with the law free, the constant stays where it is
-            off[place] = off[place] + as_law(place, axes, own[i], values[i])
-            change[i] = 0.0
-            priors.append((values[i] - stated[i]) / believed[i])
-        parts = [curves[place] @ off[place] / widths[place] for place in curves]
-        return np.concatenate([factor.T @ np.concatenate([change / width[:count], *parts]), priors])
-
-    bounds = [(each.low, each.high) for each in (*constants.unknowns, *equation.unknowns)]
-    low, high = (np.array(each) / width for each in zip(*bounds, strict=True))
-    low, high = np.append(low, -FARTHEST_SHIFT), np.append(high, FARTHEST_SHIFT)
-    made = []
-    for begun, start in product((own, stated), equation.form.starts):
-        at = np.clip(np.append(np.append(begun, start) / width, 0.0), low, high)
-        result = least_squares(misfit, at, bounds=(low - 1e-12, high + 1e-12), max_nfev=100)
-        made.append((float(result.cost), result.x[:-1]))
-    made.sort(key=lambda each: each[0])
-    chosen = [made[0][1]]
-    for _, values in made[1:]:
-        if len(chosen) < STARTS and all(np.max(np.abs(values - each)) > 0.2 for each in chosen):
-            chosen.append(values)
-    return Rival(equation, [(each[:count], each[count:]) for each in chosen], made[0][0] if curves else 0.0)
-
-
-def places_of(family: Family) -> tuple[list[int], list[str]]:
-    """Places of a family's curves, and the numbers of the model that it changes."""
-    places = [term.place for term in family.terms if isinstance(term, Curve)]
-    numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
-    if family.group == "air-spring":
-        numbers = ["air_stiffness", "air_rate"]
-    if family.group == "rock-mount-compliance":
-        numbers = ["mount_gain", "mount_square", "mount_damping"]
-    return places, numbers
-
-
-def rivals(fitted: Fitted, family: Family) -> list[Rival]:
-    """The library's equations that could stand for a family's law, the nearest first."""
-    if isinstance(family.terms[0], Sensor):
-        names = [block.scene.name for block in fitted.blocks]
-        rate = min(block.data.rate for block in fitted.blocks)
-        every = [each for each in textbook_sensors(names, rate) if each.name in SENSORS[family.group]]
-        if family.group == "mains-hum":
-            every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
-        constants = fitted.fit.shared[: len(fitted.hypothesis.terms[0].unknowns)]
-        starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
-        return [
-            Rival(each, [(constants, values / np.array([one.width for one in each.unknowns])) for values in begun], 0.0)
-            for each, begun in starts
-        ]
-    found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
-    return sorted(found, key=lambda each: each.worse)
-
-
-def rate_of(fitted: Fitted) -> float:
-    """The lowest sample rate of the recordings."""
-    return min(block.data.rate for block in fitted.blocks)
-
-
-def kind_of_response(term: Term, values: Floats, rate: float) -> str:
-    """What a frequency response is: one that rises resonates, one that falls is a low-pass, a level one a delay."""
-    frequency = np.linspace(100.0, min(4000.0, 0.35 * rate), 80)
-    gain = np.abs(response(term, values, frequency))  # type: ignore[arg-type]
-    if float(gain.max()) > 1.0 + LEVEL:
-        return "accelerometer-resonance"
-    return "accelerometer-lowpass" if float(gain.min()) < 1.0 - LEVEL else "channel-delay"
-
-
-def kind_of_spring(fitted: Fitted, family: Family) -> str:
-    """What a spring's law is: one whose force rises less and less saturates, one whose force rises more hardens."""
-    x = fitted.hypothesis.axes.points(SPRING)
-    law = law_of(fitted, family.terms, fitted.blocks[0].scene).curve(SPRING)
-    bend = np.linalg.lstsq(np.column_stack([np.ones(GRID), x, x * np.abs(x)]), law)[0][2]
-    return "force-limit" if bend < 0.0 else "stiffness-hardening"
-
-
-def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:
-    """Where a sensor's equation begins: of its starts, those whose response is nearest to the free one."""
-    begun = np.array([each.value for each in sensor.unknowns])
-    if not sensor.starts or len(sensor.starts) == 1:
-        return [begun]
-    symbols = [each.name for each in sensor.unknowns]
-    frequency = np.geomspace(60.0, min(4000.0, 0.35 * rate), 60)
-    free = fitted.values_of(family.terms[0].name)
-    wanted = response(family.terms[0], free, frequency)  # type: ignore[arg-type]
-    scored = []
-    for start in sensor.starts:
-        values = np.array([start[symbol] for symbol in symbols])
-        off = response(sensor, values, frequency) - wanted
-        scored.append((float(np.sum(np.abs(off) ** 2)), values))
-    scored.sort(key=lambda each: each[0])
-    return [values for _, values in scored[:STARTS]]
-
-
-def with_constant_freed(data: Sequence[Conditioned], fitted: Fitted, equation: Term, pool: Executor) -> Fitted:
+def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, pool: Executor) -> Fitted:
     """The fit of an equation with the constant of its place freed, where that is pulled far from what is stated.
 
     A lab that has fitted its constants without the mechanism states what both are together.
     """
-    constants = constants_of(fitted.hypothesis)
-    places = sorted(acts_at(equation.effect, equation.form)[0]) if isinstance(equation, Equation) else []
-    for place in places:
-        name = STRAIGHT.get(place, "")
+    constants = fitted.hypothesis.terms[0]
+    for name in fitted.hypothesis.rig.taken_up(equation):
         i = next((i for i, each in enumerate(constants.unknowns) if each.name == name), None)
         if i is None or abs(fitted.values[i] - constants.unknowns[i].value) < TENSE * constants.unknowns[i].std:
             continue
         terms = (constants.freed(name), *fitted.hypothesis.terms[1:])
-        hypothesis = Hypothesis(terms, fitted.hypothesis.axes)
+        hypothesis = replace(fitted.hypothesis, terms=terms)
         start, own = fitted.fit.shared, fitted.fit.own
         return fit_to(data, hypothesis, start, own, pool, fitted.weight, THOROUGH, fitted.noise)
     return fitted
 
 
 def name_law(
-    data: Sequence[Conditioned], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
+    data: Sequence[Any], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
 ) -> tuple[Named, Fitted]:
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
     if family.textbook:
@@ -348,7 +103,7 @@ def name_law(
     rest, kept = without(fitted, family.terms)
     rest = on_axes(rest, wider(rest.axes))
     done = False
-    for equation, starts, worse in rivals(fitted, family):
+    for equation, starts, worse in fitted.hypothesis.rig.rivals(fitted, family):
         if tried and worse > gain:
             continue
         for constants, values in starts:
@@ -375,11 +130,8 @@ def name_law(
         return Named(family, family.mechanism, None, []), fitted
     best, found = tried[0]
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
-    mechanism = kind_of_spring(fitted, family) if family.group == "spring" else family.mechanism
-    if found.cost - fitted.cost < MOST * gain:
-        mechanism = effect_of(best)
-    if isinstance(best, Sensor) and family.group == "accelerometer":
-        mechanism = kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate_of(fitted))
+    explains = found.cost - fitted.cost < MOST * gain
+    mechanism = fitted.hypothesis.rig.mechanism_of(fitted, family, effect_of(best) if explains else "")
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
         return Named(family, effect_of(best), best, nearest, (best, found.values_of(best.name))), found
     return Named(family, mechanism, None, nearest, (best, found.values_of(best.name))), fitted

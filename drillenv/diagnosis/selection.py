@@ -6,22 +6,18 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Recorded
-from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, axes_at, fit_to, joined, kept_of, noise_left, resized
-from drillenv.diagnosis.laws import MOUNT_LAW, Curve, Family, Gain, as_stated, families, moved_to, on_axes
+from drillenv.diagnosis.adapter import RecordingProblem
+from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined
+from drillenv.diagnosis.laws import Curve, Family, Gain, moved_to, on_axes
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
-from drillenv.diagnosis.sensing import sensor_families
-from drillenv.diagnosis.sinusoids import KINDS, Kind, frequencies, sinusoid
-from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
-from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
@@ -32,7 +28,6 @@ from drillenv.diagnosis.thresholds import (
     POSSIBLE,
     UNCONFIRMED,
 )
-from drillenv.dynamics.hybrid.vector_field import MOUNT_GAIN, OWN
 
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
@@ -125,16 +120,14 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
 
     Behind these come constants of the paper's model once more, of which then nothing is believed.
     """
-    hypothesis = Hypothesis(fitted.hypothesis.terms + tuple(terms), fitted.hypothesis.axes)
+    hypothesis = replace(fitted.hypothesis, terms=fitted.hypothesis.terms + tuple(terms))
     known = fitted.fit.shared.size
     unknowns = hypothesis.unknowns
     shared = np.concatenate([fitted.fit.shared, [each.value / each.width for each in unknowns[known:]]])
-    size = OWN if any(term.remembers for term in hypothesis.terms) else 4
 
-    def quadratic(block: Recorded, own: Floats):
-        kept = kept_of(own, block.windows)
-        own = resized(own, block.windows, max(size, kept), kept, len(block.lines))
-        return eliminated(replace(block, hypothesis=hypothesis).quadratic(shared, own), 0.0)[:2]
+    def quadratic(block: RecordingProblem, own: Floats):
+        widened, begun = block.under(hypothesis, own)
+        return eliminated(widened.quadratic(shared, begun), 0.0)[:2]
 
     reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
     weights = fitted.priors.weights
@@ -192,20 +185,15 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     return Tested(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 
-def at_best_frequency(fitted: Fitted, kind: Kind, pool: Executor) -> list[Family]:
-    """What goes on at a frequency of its own, at that of the largest score test's gain; none in short recordings."""
-    recordings = [block.scene.name for block in fitted.blocks]
-    tried = frequencies(kind, max(block.data.force.size / block.data.rate for block in fitted.blocks))
-    if not tried.size:
-        return []
-    # of several channels, the first shows the frequency
-    terms = [sinusoid(kind, each, recordings, 0.0, kind.channels[:1]) for each in tried]
+def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term], pool: Executor) -> int:
+    """Of frequencies (n,) that at which a term of its own has the largest score test's gain; ``term`` makes it."""
+    terms = [term(float(each)) for each in tried]
     gradient, hessian = information(fitted, terms, pool).reduced()
     gains = []
     for i in range(tried.size):
         at = slice(i * len(terms[0].unknowns), (i + 1) * len(terms[0].unknowns))
         gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
-    return [at_frequency(kind, float(tried[int(np.argmax(gains))]), recordings, tried)]
+    return int(np.argmax(gains))
 
 
 def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -243,7 +231,7 @@ def smoothed(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
             unknowns = zip(term.unknowns, stds, strict=True)
             term = replace(term, unknowns=tuple(each._replace(std=each.width * std) for each, std in unknowns))
         terms.append(term)
-    hypothesis = Hypothesis(tuple(terms), fitted.hypothesis.axes)
+    hypothesis = replace(fitted.hypothesis, terms=tuple(terms))
     start, own = fitted.fit.shared, fitted.fit.own
     return fit_to(data, hypothesis, start, own, pool, fitted.weight, MIDDLING, fitted.noise)
 
@@ -266,17 +254,17 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
 
 def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
     """The same family over what motions visit now, of so many times the resolution."""
-    frequencies = [block.scene.frequency for block in fitted.blocks]
-    known = on_axes(fitted.hypothesis, axes_at(fitted, pool))
-    same = as_stated(known, fitted.values, [each.place for each in family.terms if isinstance(each, Curve)])
-    finer = next(each for each in families(same.axes, frequencies, detail) if each.name == family.name)
+    rig = fitted.hypothesis.rig
+    known = on_axes(fitted.hypothesis, rig.axes_at(fitted, pool))
+    same = rig.as_stated(known, fitted.values, [each.place for each in family.terms if isinstance(each, Curve)])
+    finer = next(each for each in rig.laws(fitted, same.axes, detail) if each.name == family.name)
     terms, start = [], []
     for term, own in zip(known.terms, known.split(same.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)
         more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
         terms.append(other)
         start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
-    hypothesis, begun = Hypothesis(tuple(terms), same.axes), np.concatenate(start)
+    hypothesis, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
     return fit_to(data, hypothesis, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
 
 
@@ -322,23 +310,18 @@ def with_windows_freed(fitted: Fitted, family: Family, data, pool: Executor) -> 
     return joined(data, free, pool, SHORT, fitted.noise)
 
 
-def candidates(fitted: Fitted, detail: int = 1) -> list[Family]:
-    """Every family that a fit may be given, of the motion and of the sensors."""
-    blocks = fitted.blocks
-    mounted = fitted.hypothesis.model(fitted.values, blocks[0].scene).s[MOUNT_GAIN] > 0.0
-    moving = families(fitted.hypothesis.axes, [block.scene.frequency for block in blocks], detail)
-    moving = [each for each in moving if mounted or each.name != MOUNT_LAW]
-    reading = sensor_families([block.scene.name for block in blocks], min(block.data.rate for block in blocks))
+def candidates(fitted: Fitted) -> list[Family]:
+    """Every family that a fit may be given, and constants that need not be as stated."""
     stated = [each.name for each in fitted.hypothesis.terms[0].unknowns if math.isfinite(each.std)]
     wrong = [Family(f"another {name}", f"another {name}", (), constant=name) for name in stated]
-    return moving + reading + wrong
+    return fitted.hypothesis.rig.candidates(fitted) + wrong
 
 
 Say = Callable[[str], object]
 
 
 def forward(
-    data: Sequence[Conditioned],
+    data: Sequence[Any],
     fitted: Fitted,
     pool: Executor,
     say: Say = lambda _: None,
@@ -402,14 +385,12 @@ def still_possible(
         if possible is None or each.name in possible
     ]
     if fitted.per_freedom > 1.0 + LEFT:
-        for kind in KINDS:
-            if kind.mechanism not in there:
-                found += at_best_frequency(fitted, kind, pool)
+        found += fitted.hypothesis.rig.at_own_frequency(fitted, there, pool)
     return found
 
 
 def with_finer_law(
-    data: Sequence[Conditioned], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say
+    data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say
 ) -> Fitted | None:
     """The fit with a finer law where none is called for but the model is not close: corners leave much, coarsely drawn.
 
@@ -431,9 +412,7 @@ def with_finer_law(
     return None
 
 
-def exchanged(
-    data: Sequence[Conditioned], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say
-) -> Fitted | None:
+def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say) -> Fitted | None:
     """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
 
     What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
@@ -529,7 +508,7 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
 
 
 def best_step(
-    data: Sequence[Conditioned],
+    data: Sequence[Any],
     fitted: Fitted,
     chosen: Sequence[Score],
     level: float,
@@ -565,7 +544,7 @@ def explains_all(other: Fitted, fitted: Fitted) -> bool:
 
 
 def followed(
-    data: Sequence[Conditioned],
+    data: Sequence[Any],
     fitted: Fitted,
     chosen: Sequence[Score],
     pool: Executor,
@@ -641,8 +620,8 @@ def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Ste
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
     close = other.per_freedom < CLOSE
-    noise, limits = (noise_left(other, pool), MIDDLING) if close else (other.noise, SHORT)
-    hypothesis = on_axes(other.hypothesis, axes_at(other, pool))
+    noise, limits = (other.hypothesis.rig.noise_left(other, pool), MIDDLING) if close else (other.noise, SHORT)
+    hypothesis = on_axes(other.hypothesis, other.hypothesis.rig.axes_at(other, pool))
     other = fit_to(data, hypothesis, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
@@ -658,14 +637,14 @@ def corrected_equation(
     rest, begun = without(other, family.terms)
     scaled = start / np.array([each.width for each in equation.unknowns])
     zeros = np.array([each.value / each.width for each in family.unknowns])
-    hypothesis = Hypothesis((*rest.terms, equation, *family.terms), rest.axes)
+    hypothesis = replace(rest, terms=(*rest.terms, equation, *family.terms))
     begun = np.concatenate([begun, scaled, zeros])
     both = fit_to(data, hypothesis, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
     return both, (equation, *family.terms)
 
 
 def backward(
-    data: Sequence[Conditioned], fitted: Fitted, steps: list[Step], tested: Tested, pool: Executor, say: Say
+    data: Sequence[Any], fitted: Fitted, steps: list[Step], tested: Tested, pool: Executor, say: Say
 ) -> tuple[Fitted, list[Step]]:
     """Leave out families that, with all others there, gain no more than chance or than the others' laws are off."""
     kept = list(steps)

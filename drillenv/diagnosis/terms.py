@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import UNLOADING
 from drillenv.dynamics.forms import Form
 from drillenv.dynamics.hybrid.vector_field import GRIP2, KL, KU, K
+
+if TYPE_CHECKING:
+    from drillenv.diagnosis.adapter import Adapter
 
 RUNNING = 1.3
 """s for which a rig that "had been running" is taken to have run before a recording."""
@@ -151,6 +154,14 @@ class Term:
         """Of a logger's filter, on a grid so many times as fine as the samples."""
         return None
 
+    def freed(self, name: str) -> Term:
+        """The same with one parameter of which nothing is believed."""
+        return replace(self, unknowns=tuple(e._replace(std=math.inf) if e.name == name else e for e in self.unknowns))
+
+    def held(self, name: str) -> Term:
+        """The same with one that is believed as stated."""
+        return replace(self, unknowns=tuple(e._replace(std=e.width) if e.name == name else e for e in self.unknowns))
+
     @property
     def senses(self) -> bool:
         """Whether it acts on what is read."""
@@ -166,10 +177,11 @@ class Term:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model with named terms."""
+    """A model of a rig, with named terms."""
 
     terms: tuple[Term, ...]
     axes: Axes
+    rig: Adapter
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

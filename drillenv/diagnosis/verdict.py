@@ -13,22 +13,10 @@ from threadpoolctl import threadpool_limits
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import Recorded, first_states
-from drillenv.diagnosis.fitting import (
-    FREE,
-    GRADUAL,
-    JOINED,
-    Fitted,
-    Noise,
-    axes_at,
-    fit_to,
-    joined,
-    noise_left,
-    priors_of,
-    quietest,
-    resized,
-    with_lines_left,
-)
+from drillenv.diagnosis.drill import Recorded, first_states, resized
+from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
+from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.fitting import FREE, GRADUAL, JOINED, Fitted, fit_to, joined, priors_of
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.selection import Step, Tested, forward
@@ -139,7 +127,7 @@ def held_out(data: Sequence[Conditioned]) -> set[int]:
 def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -> Fitted:
     """The paper's model with its constants, and the noise as it shows by that."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-    hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat)
+    hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat, DRILL)
     own = [first_states(each) for each in data]
     limits = Limits(10, 1.0, 0.05)
     found = fit_to(data, hypothesis, None, own, pool, FREE, limits)
@@ -147,7 +135,7 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     if any(level.lines for each in noise for level in each):
         found = fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, FREE, limits, noise)
     found = joined(data, found, pool, limits, noise)
-    hypothesis = Hypothesis(hypothesis.terms, axes_at(found, pool))
+    hypothesis = replace(hypothesis, axes=DRILL.axes_at(found, pool))
     noise = noise_left(found, pool)
     if found.per_freedom > CLOSE:
         noise = quietest(noise, data, lines=True)
@@ -310,7 +298,7 @@ def with_own_waves(there: Settled) -> Settled:
     if not open_.any():
         return there
     start = np.concatenate(values)
-    hypothesis = Hypothesis(tuple(terms), block.hypothesis.axes)
+    hypothesis = replace(block.hypothesis, terms=tuple(terms))
     bounds = priors_of(hypothesis)
     pinned = replace(
         bounds,
@@ -334,7 +322,7 @@ def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
     if len(kept) == len(fitted.hypothesis.terms):
         return fitted, level
     more = own_lines(fitted)
-    hypothesis = Hypothesis(tuple(kept), fitted.hypothesis.axes)
+    hypothesis = replace(fitted.hypothesis, terms=tuple(kept))
     first, second = (replace(each, lines=tuple(sorted({*each.lines, *more}))) for each in level)
     fit = replace(fitted.fit, shared=np.concatenate(start))
     return Fitted(hypothesis, fitted.blocks, fit, fitted.priors), (first, second)

@@ -13,7 +13,9 @@ from drillenv.corrected import read_model
 from drillenv.diagnosis.condition import condition, white_noise
 from drillenv.diagnosis.constants import constants
 from drillenv.diagnosis.drill import STATE_WIDTHS, Recorded, first_states
-from drillenv.diagnosis.fitting import FREE, noise_of
+from drillenv.diagnosis.drill_noise import noise_of
+from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.fitting import FREE
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis
@@ -63,7 +65,7 @@ def campaign_with(rig=None, effects=(), sensors=(), seed=0, seconds=0.25):
 def nominal_block(campaign, data):
     """A recording with the paper's model at what the campaign states, its windows nearly free."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-    return Recorded(data, Hypothesis((constants(campaign.nominal),), flat), FREE, noise_of(data))
+    return Recorded(data, Hypothesis((constants(campaign.nominal),), flat, DRILL), FREE, noise_of(data))
 
 
 def test_noise_is_told_from_the_signal():

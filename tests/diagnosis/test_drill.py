@@ -13,7 +13,6 @@ from drillenv.diagnosis.coupling import shortening, spring_coordinate
 from drillenv.diagnosis.drill import first_states
 from drillenv.diagnosis.laws import Curve, as_stated, axes_of, families, on_axes, wider
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis
 from drillenv.dynamics.constitutive.places import SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_A, F_B, K, Y
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
@@ -40,7 +39,7 @@ def with_law(plain, group):
     path[Y] += 3.0 * (path[Y] - path[Y].mean())
     axes = axes_of([path], model.s[F_A], [model.s[F_B] / model.s[K]])
     law = next(each for each in families(axes, FREQUENCIES) if each.group == group)
-    block = replace(block, hypothesis=Hypothesis((*block.hypothesis.terms, *law.terms), axes))
+    block = replace(block, hypothesis=replace(block.hypothesis, terms=(*block.hypothesis.terms, *law.terms), axes=axes))
     shared = np.concatenate([shared, [1.0, -0.5], np.zeros(law.size - 2)])
     return block, shared, block.settled(shared, own, 4)
 
@@ -68,7 +67,7 @@ def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     same = as_stated(block.hypothesis, values, places)
     stated = np.array([each.value for each in block.hypothesis.terms[0].unknowns])
     assert np.allclose(same.values[:8], stated)
-    hypothesis = Hypothesis(block.hypothesis.terms, same.axes)
+    hypothesis = replace(block.hypothesis, axes=same.axes)
     model, other = block.hypothesis.model(values, block.scene), hypothesis.model(same.values, block.scene)
     for place, more in same.more.items():
         other.free[place] += more

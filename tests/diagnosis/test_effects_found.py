@@ -8,8 +8,9 @@ import pytest
 
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, OUTSIDE, Site, concealed, of_library
+from drillenv.diagnosis.drill_identification import places_of
 from drillenv.diagnosis.laws import equations, families
-from drillenv.diagnosis.naming import effect_of, places_of
+from drillenv.diagnosis.naming import effect_of
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.sensing import textbook_sensors
 from drillenv.diagnosis.tables import GRID, PLACES, Axes

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drillenv.diagnosis.constants import NAMES, constants
+from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.laws import Curve, axes_of, families, moved_to, on_axes, wider
 from drillenv.diagnosis.selection import most_likely_prior
 from drillenv.diagnosis.tables import GRID, MARGIN, look
@@ -66,7 +67,7 @@ def test_noise_alone_is_smoothed_away_and_a_smooth_law_is_kept():
 def test_a_law_is_the_same_on_other_axes_and_straight_beyond(group):
     term = curve(group)
     own = np.random.default_rng(1).normal(0.0, 5.0, len(term.unknowns))
-    before = Hypothesis((constants(NOMINAL), term), AXES)
+    before = Hypothesis((constants(NOMINAL), term), AXES, DRILL)
     after = on_axes(before, wider(AXES))
     x = AXES.points(term.place)
     law = own @ term.basis

@@ -11,7 +11,6 @@ from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.drill import first_states
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
-from drillenv.diagnosis.terms import Hypothesis
 from drillenv.dynamics.effects import make
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
 
@@ -24,7 +23,7 @@ def block_with(kind, frequency, amplitude):
     data = condition(campaign.recordings[0], Rig())
     block = nominal_block(campaign, data)
     term = sinusoid(kind, frequency, [data.name], 1.0)
-    block = replace(block, hypothesis=Hypothesis((*block.hypothesis.terms, term), block.hypothesis.axes))
+    block = replace(block, hypothesis=replace(block.hypothesis, terms=(*block.hypothesis.terms, term)))
     shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
     shared[-len(term.unknowns) + 1 :] = amplitude
     return block, shared, block.settled(shared, first_states(data))

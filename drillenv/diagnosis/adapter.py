@@ -1,0 +1,118 @@
+"""What a rig says of itself: how a recording is predicted, where laws may act, and what the library has there.
+
+Fits, the selection of families, their naming and the report know a rig by this alone.
+There are :mod:`drillenv.diagnosis.drill_rig`
+and :mod:`drillenv.diagnosis.body`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from drillenv.diagnosis.solver import Block, Floats
+
+if TYPE_CHECKING:
+    from drillenv.diagnosis.fitting import Fitted
+    from drillenv.diagnosis.laws import Equivalent, Family
+    from drillenv.diagnosis.tables import Axes
+    from drillenv.diagnosis.terms import Hypothesis, Term
+
+
+class RecordingProblem(Block, Protocol):
+    """A recording as a block of the solver: its negative log-likelihood under a hypothesis."""
+
+    hypothesis: Hypothesis
+    weight: float
+    """By which continuity constraints are widened, where there are any."""
+    noise: Any
+    """The noise model by which residuals are weighed."""
+
+    @property
+    def name(self) -> str:
+        """Of the recording."""
+        ...
+
+    @property
+    def samples(self) -> int:
+        """How many numbers are judged."""
+        ...
+
+    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[RecordingProblem, Floats]:
+        """The same under a hypothesis with more terms, and its own unknowns in that layout."""
+        ...
+
+    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+        """Own unknowns after steps of their own."""
+        ...
+
+    def restarted(self, shared: Floats, own: Floats) -> Floats:
+        """Own unknowns, those that stand out begun anew."""
+        ...
+
+    def chained(self, shared: Floats, own: Floats) -> Floats:
+        """Own unknowns with which windows go on from each other."""
+        ...
+
+
+class Rival(NamedTuple):
+    """An equation that could stand for a family's law."""
+
+    equation: Term
+    starts: list[tuple[Floats, Floats]]
+    """Constants and parameters with which it begins, in the solver's units, the best first."""
+    worse: float
+    """By how much it is worse than the law from the best of them, in log-likelihood, by the quadratic about the law."""
+
+
+class Adapter(Protocol):
+    """A rig."""
+
+    def block(self, data: Any, hypothesis: Hypothesis, weight: float, noise: Any) -> RecordingProblem:
+        """A recording under a hypothesis."""
+        ...
+
+    def first_noise(self, data: Any) -> Any:
+        """A recording's noise as conditioning has found it."""
+        ...
+
+    def own_for(self, own: Floats, data: Any, hypothesis: Hypothesis, noise: Any) -> Floats:
+        """Own unknowns of a recording, fitted under another hypothesis or noise, in the layout of these."""
+        ...
+
+    def noise_left(self, fitted: Fitted, pool: Executor | None) -> list[Any]:
+        """The noise of each recording as a fit's residuals show it."""
+        ...
+
+    def axes_at(self, fitted: Fitted, pool: Executor) -> Axes:
+        """Axes over the ranges that the recordings visit."""
+        ...
+
+    def as_stated(self, hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
+        """The same with constants as stated that a law at one of the places can take up."""
+        ...
+
+    def laws(self, fitted: Fitted, axes: Axes, detail: int) -> list[Family]:
+        """Families with free laws on these axes, of ``detail`` times as many intervals."""
+        ...
+
+    def candidates(self, fitted: Fitted, detail: int = 1) -> list[Family]:
+        """Every family that a fit may be given, but for constants that are not as stated."""
+        ...
+
+    def at_own_frequency(self, fitted: Fitted, there: Collection[str], pool: Executor) -> list[Family]:
+        """Families with a frequency of their own, at their best one, of mechanisms that are not ``there`` yet."""
+        ...
+
+    def rivals(self, fitted: Fitted, family: Family) -> list[Rival]:
+        """The library's equations that could stand for a family's law, the nearest first."""
+        ...
+
+    def taken_up(self, equation: Term) -> list[str]:
+        """Constants that can take up what is straight in an equation's law."""
+        ...
+
+    def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
+        """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""
+        ...

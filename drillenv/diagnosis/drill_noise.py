@@ -1,0 +1,103 @@
+"""The noise of force and acceleration as fits of the drilling rig leave it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+
+from drillenv.diagnosis.condition import Conditioned
+from drillenv.diagnosis.drill import Recorded
+from drillenv.diagnosis.fitting import Fitted
+from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines
+from drillenv.diagnosis.solver import Floats
+
+LOWEST_LINE = 130.0
+"""Hz from which lines are of the noise. Below, floors shake and mains hum, with two orders: families of their own."""
+
+Noise = tuple[NoiseModel, NoiseModel]
+"""Of force and acceleration."""
+
+
+def noise_of(data: Conditioned) -> Noise:
+    """White noise as conditioning has found it."""
+    return NoiseModel(data.noise_force, 0.0, (), data.rate), NoiseModel(data.noise_acceleration, 0.0, (), data.rate)
+
+
+def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
+    """Noise of each recording as a fit's residuals show it."""
+
+    def estimated(block: Recorded, own: Floats) -> Noise:
+        left, quanta = left_by(fitted, block, own), block.data.quanta
+        return level(left[0], quanta[0], block), level(left[1], quanta[1], block)
+
+    def level(row: Floats, quantum: float, block: Recorded) -> NoiseModel:
+        rate, tone = block.data.rate, float(block.scene.frequency)
+        found = lines_of_noise(estimate(row, rate, tone, quantum))
+        lone = lone_lines(row, rate, tone, found)
+        alone = lines_of_noise(replace(found, lines=tuple(sorted((*found.lines, *lone)))))
+        if alone.lines == found.lines:
+            return found
+        # with them gone the level is another
+        columns = line_columns(alone, row.size).T
+        again = lines_of_noise(estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, quantum))
+        return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
+
+    each: Callable = map if pool is None else pool.map
+    return list(each(estimated, fitted.blocks, fitted.fit.own))
+
+
+def left_by(fitted: Fitted, block: Recorded, own: Floats) -> Floats:
+    """(2, n) residuals of a recording; lines that are known already are left in."""
+    values = fitted.values
+    raw = block.integrate(fitted.hypothesis.model(values, block.scene), own)
+    return (block.measured - block.read(values, raw.said))[:, block.steady]
+
+
+def lines_of_noise(level: NoiseModel) -> NoiseModel:
+    """The same without lines at frequencies at which something else may be seen."""
+    return replace(level, lines=tuple(each for each in level.lines if each >= LOWEST_LINE))
+
+
+def with_lines_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
+    """The noise that a fit was weighed by, with lines as its residuals show them off the harmonics of the excitation.
+
+    What a model misses of a motion that repeats itself lies on harmonics: these lines are seen however far it is off.
+    """
+
+    def known(block: Recorded, own: Floats) -> Noise:
+        rate, tone = block.data.rate, float(block.scene.frequency)
+        first, second = (
+            replace(level, lines=lines_of_noise(estimate(row, rate, tone)).lines)
+            for row, level in zip(left_by(fitted, block, own), block.noise, strict=True)
+        )
+        return first, second
+
+    each: Callable = map if pool is None else pool.map
+    return list(each(known, fitted.blocks, fitted.fit.own))
+
+
+def quietest(noise: Sequence[Noise], data: Sequence[Conditioned], lines: bool = False) -> list[Noise]:
+    """One noise for all recordings: that of the recording in which a channel has the least power.
+
+    Sensors are the same in all of them, and where a model is far off its residuals are their noise and more. ``lines``
+    keeps each recording's, in the order of the noise.
+    """
+
+    def power(level: NoiseModel) -> float:
+        # from a hertz to the Nyquist frequency, over the rate
+        return level.std**2 / level.rate * (1.0 + 2.0 * level.corner / level.rate * math.log(level.rate / 2.0))
+
+    least = [min((each[i] for each in noise), key=power) for i in range(2)]
+
+    def at(rate: float, own: Noise | None) -> Noise:
+        first, second = (
+            replace(level, std=level.std * math.sqrt(rate / level.rate), lines=own[i].lines if own else (), rate=rate)
+            for i, level in enumerate(least)
+        )
+        return first, second
+
+    return [at(each.rate, noise[i] if lines else None) for i, each in enumerate(data)]
