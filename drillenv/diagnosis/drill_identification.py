@@ -204,12 +204,11 @@ def kind_of_response(term: Term, values: Floats, rate: float) -> str:
     return "accelerometer-lowpass" if float(gain.min()) < 1.0 - LEVEL else "channel-delay"
 
 
-def kind_of_spring(fitted: Fitted, family: Family) -> str:
-    """What a spring's law is: one whose force rises less and less saturates, one whose force rises more hardens."""
-    x = fitted.hypothesis.axes.points(SPRING)
-    law = law_of(fitted, family.terms, fitted.blocks[0].scene).curve(SPRING)
-    bend = np.linalg.lstsq(np.column_stack([np.ones(GRID), x, x * np.abs(x)]), law)[0][2]
-    return "force-limit" if bend < 0.0 else "stiffness-hardening"
+def kind_of_spring(x: Floats, law: Floats) -> str:
+    """What a spring's law (n,) is: one that is softer at its ends than in its middle saturates, any other hardens."""
+    thirds = zip(np.array_split(x, 3), np.array_split(law, 3), strict=True)
+    low, middle, high = (np.polyfit(at, y, 1)[0] for at, y in thirds)
+    return "force-limit" if 0.5 * (low + high) < middle else "stiffness-hardening"
 
 
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:

@@ -13,6 +13,7 @@ from drillenv.diagnosis.drill import Recorded, kept_of, resized
 from drillenv.diagnosis.drill_identification import (
     kind_of_response,
     kind_of_spring,
+    law_of,
     rivals,
     taken_up,
 )
@@ -27,6 +28,7 @@ from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
 from drillenv.diagnosis.terms import Hypothesis
+from drillenv.dynamics.constitutive.places import SPRING
 from drillenv.dynamics.hybrid import vector_field as V
 
 
@@ -105,7 +107,10 @@ class DrillRig:
             return kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate)
         if nearest:
             return nearest
-        return kind_of_spring(fitted, family) if family.group == "spring" else family.mechanism
+        if family.group != "spring":
+            return family.mechanism
+        law = law_of(fitted, family.terms, fitted.blocks[0].scene).curve(SPRING)
+        return kind_of_spring(fitted.hypothesis.axes.points(SPRING), law)
 
 
 DRILL = DrillRig()

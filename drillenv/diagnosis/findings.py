@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,11 @@ from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, ax
 from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response
 from drillenv.diagnosis.naming import MOST, effect_of
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import Step
+from drillenv.diagnosis.selection import Step, Tested
 from drillenv.diagnosis.sensing import Added, Sensor
-from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG
+from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.verdict import Outcome, Settled, wrong_constants
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
@@ -117,32 +117,16 @@ def form_of(step: Step) -> str:
 
 
 def strengths(final: Fitted, step: Step) -> dict[str, Any]:
-    """Parameters of an equation by symbol."""
-    equation, spread, found, first = step.named.equation, deviations(final), {}, 0
-    assert equation is not None
-    if isinstance(equation, Sinusoid):
-        inside = indices_of(final, [equation])
-        return equation.stated(final.values[inside], spread[inside])
-    for term in final.hypothesis.terms:
-        if term.name == equation.name:
-            for i, unknown in enumerate(term.unknowns):
-                value = float(final.values[first + i])
-                if unknown.unit == "rad":
-                    # a fit may have gone round
-                    value = math.remainder(value, 2.0 * math.pi)
-                found[unknown.name] = {"value": value, "std": float(spread[first + i]), "unit": unknown.unit}
-        first += len(term.unknowns)
-    if step.named.mechanism == "mains-hum":
-        sizes = [each for name, each in found.items() if name != "f_m"]
-        found = {name: each for name, each in found.items() if name == "f_m"}
-        # by recording, channel, sine and cosine
-        values = np.array([each["value"] for each in sizes]).reshape(-1, 2, 2)
-        spread = np.array([each["std"] for each in sizes]).reshape(-1, 2, 2)
-        for i, (name, unit) in enumerate((("b_f", "N"), ("b_a", "m/s^2"))):
-            value = float(np.sqrt(np.mean(np.sum(values[:, i] ** 2, axis=1))))
-            std = float(np.sqrt(np.mean(spread[:, i] ** 2) / len(values)))
-            found[name] = {"value": value, "std": std, "unit": unit}
-    return found
+    """Parameters of a step's equation by symbol."""
+    assert step.named.equation is not None
+    return parameters_of_equation(final, step.named.equation, deviations(final))
+
+
+def parameters_of_equation(fitted: Fitted, equation: Term, spread: Floats) -> dict[str, Any]:
+    """Parameters of an equation by symbol; ``spread`` are standard deviations of all parameters."""
+    inside = indices_of(fitted, [equation])
+    term = next(each for each in fitted.hypothesis.terms if each.name == equation.name)
+    return term.stated(fitted.values[inside], spread[inside])
 
 
 def equivalents(step: Step) -> list[str]:
@@ -321,14 +305,14 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def rejected(outcome: Outcome) -> list[dict[str, str]]:
+def rejected(steps: Sequence[Step], tested: Tested) -> list[dict[str, str]]:
     """Families that were passed over, with the reason."""
     said = []
-    for step in outcome.steps:
+    for step in steps:
         for family, other in step.rivals:
             worse = other.cost - step.found
             said.append({"mechanism": family.mechanism, "why": f"explains less (log-likelihood lower by {worse:.0f})"})
-    for score in outcome.tested.scores[:8]:
+    for score in tested.scores[:8]:
         why = f"gains too little (log-likelihood {score.gain:.1f}, p {score.p:.2g})"
         said.append({"mechanism": score.family.mechanism, "why": why})
     return said
@@ -394,7 +378,7 @@ def record_of(outcome: Outcome, faults: Mapping[str, Any] | list[str]) -> dict[s
         "parameters": parameters(outcome.final) if explained else {},
         "bookkeeping": [],
         "fit": quality_of_fit(outcome),
-        "rejected": rejected(outcome),
+        "rejected": rejected(outcome.steps, outcome.tested),
         "next": [],
         "quality": faults,
         "remarks": remarks(outcome),

@@ -213,6 +213,12 @@ def odd(right: Floats) -> Floats:
     return np.concatenate([-right[:, :0:-1], right], axis=1)
 
 
+def odd_with_step(right: Floats) -> Floats:
+    """(count, GRID) the same of functions that need not be 0 in the middle, where they then have a step; orthogonal."""
+    made = np.concatenate([-right[:, :0:-1], np.zeros((len(right), 1)), right[:, 1:]], axis=1)
+    return np.asarray(np.linalg.svd(made, full_matrices=False)[2] * math.sqrt(GRID), dtype=float)
+
+
 def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axes:
     """Axes over the ranges that motions (7, n) visit; ``rest`` is F_b / k of each."""
 

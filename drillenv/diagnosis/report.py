@@ -11,8 +11,8 @@ from typing import Any
 
 from drillenv.checks import InputError, shown
 from drillenv.corrected import Corrected, model_record
+from drillenv.diagnosis.body_report import diagnose_body
 from drillenv.diagnosis.findings import corrected, record_of, waves
-from drillenv.diagnosis.one_body import diagnose_body
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.verdict import diagnose_drill
 from drillenv.files import whole
@@ -115,9 +115,10 @@ def _text(record: Mapping[str, Any]) -> str:
     lines += record.get("next", [])
     held = record["fit"]["held_out"]
     if held["recordings"]:
+        unit = str(record["fit"]["unit"]).partition(",")[0]
         lines.append(
-            f"held out ({', '.join(held['recordings'])}): "
-            f"{held['before']} times the noise before, {held['after']} after"
+            f"left on recordings held out ({', '.join(held['recordings'])}): "
+            f"{held['before']:.4g} {unit} before, {held['after']:.4g} after"
         )
     lines += [f"quality: {each}" for each in record["quality"]]
     lines += record.get("remarks", [])

@@ -196,6 +196,23 @@ class Added(Sensor):
         sizes = values[-2 * places * waves :].reshape(places, 2, waves)
         return sizes[self.names.index(scene.name) if self.names else 0] @ _waves(frequency / scene.rate, self.orders, n)
 
+    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
+        """Of a hum that is each recording's own, its frequency and the root mean square of its amplitudes."""
+        first = len(values) - 2 * max(1, len(self.names)) * max(1, 2 * len(self.orders))
+        if not self.orders or first == 0:
+            return super().stated(values, spread)
+        found = {"f_m": {"value": float(values[0]), "std": float(spread[0]), "unit": "Hz"}}
+        # by recording, channel, sine and cosine
+        sizes, spreads = (each[first:].reshape(-1, 2, 2) for each in (values, spread))
+        for i, (name, unit) in enumerate((("b_f", "N"), ("b_a", "m/s^2"))):
+            size = float(np.sqrt(np.mean(np.sum(sizes[:, i] ** 2, axis=1))))
+            found[name] = {
+                "value": size,
+                "std": float(np.sqrt(np.mean(spreads[:, i] ** 2) / len(sizes))),
+                "unit": unit,
+            }
+        return found
+
 
 @lru_cache(256)
 def _waves(frequency: float, orders: tuple[int, ...], n: int) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -153,6 +153,15 @@ class Term:
     def kernel(self, values: Floats, over: int) -> Floats | None:
         """Of a logger's filter, on a grid so many times as fine as the samples."""
         return None
+
+    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
+        """Parameters by symbol, as a report gives them, from values and standard deviations of all."""
+        found = {}
+        for unknown, value, std in zip(self.unknowns, values, spread, strict=True):
+            # a fit may have gone round
+            number = math.remainder(value, 2.0 * math.pi) if unknown.unit == "rad" else float(value)
+            found[unknown.name] = {"value": number, "std": float(std), "unit": unknown.unit}
+        return found
 
     def freed(self, name: str) -> Term:
         """The same with one parameter of which nothing is believed."""

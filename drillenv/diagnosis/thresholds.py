@@ -34,6 +34,13 @@ FAINT = 0.05
 POSSIBLE = 0.1
 """p-value on stretches up to which a family is tested on whole recordings: with several times the samples, one that is
 there is much less likely by chance than this already."""
+MATERIAL = LAW_LEFT**2
+"""Share of the mismatch that a mechanism has to explain beside the others to be named: errors of their laws leave as
+much."""
+SURELY = 0.1
+"""The same from which it need not be seen to gain in recording after recording."""
+WELL_EXPLAINED = 0.8
+"""Share of the mismatch, of recordings left out, from which what was found accounts for it."""
 CLOSE = 2.0
 """Reduced chi-square up to which a model is close: from there on its windows are joined, and residuals show the
 noise. Thinned recordings leave out of it half the noise or more, and none of the misfit."""

@@ -31,7 +31,7 @@ MECHANISMS = {
     "rock-compaction": "contact",
     "rock-mount-compliance": "contact",
     "stiffness-hardening": "indenter, body",
-    "damping-quadratic": "indenter",
+    "damping-quadratic": "indenter, body",
     "indenter-friction": "indenter",
     "drive-harmonics": "indenter",
     "drive-droop": "indenter",
@@ -441,6 +441,7 @@ def test_effects_on_a_body_are_their_equations():
         "force-limit": np.where(np.abs(applied) > 80, np.sign(applied) * 80, applied) - applied,
         "viscous-damping": -20 * v,
         "dry-friction": -7 * np.sign(v),
+        "damping-quadratic": -40 * np.where(v > 0, v * v, -v * v),
         "backlash": np.where(x < -2e-3, 0.0, np.where(x > 3e-3, k * 5e-3, k * (x + 2e-3))),
     }
     spring = make("force-limit", F_s=30.0)
@@ -452,6 +453,7 @@ def test_effects_on_a_body_are_their_equations():
         "force-limit": {"F_max": 80.0},
         "viscous-damping": {"d": 20.0},
         "dry-friction": {"fc": 7.0},
+        "damping-quadratic": {"c2": 40.0},
         "backlash": {"g": 5e-3, "y0": -2e-3},
     }
     assert set(expected) == set(BODY)

@@ -221,6 +221,12 @@ class Effect:
     """Force in N on the mass of a one-body rig, to be added to mass * acceleration = force - law."""
     forms: tuple[Form, ...] = ()
     """How a diagnosis tries its equations."""
+    body_forms: tuple[Form, ...] = ()
+    """The same on a one-body rig; starts are in units of the body's typical force, travel and speed."""
+    body_sentence: str = ""
+    """What is said of a single body, where ``sentence`` speaks of the drilling rig."""
+    body_constant: str = ""
+    """The constant of a one-body law that says the same, where a lab states it."""
     counted: Callable[[tuple[float, ...]], float] | None = None
     """Its first extra state counts impacts on a face, and all of them begin anew on a fresh one: after how many, for
     these parameters, nothing changes any more."""

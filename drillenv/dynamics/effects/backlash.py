@@ -33,11 +33,19 @@ EFFECT = Effect(
     energy="stores",
     laws={"spring-from-rest": _law},
     on_body=_on_body,
+    body_sentence="The spring on the body has play: over a part of its travel its force does not grow.",
     forms=(
         Form(
             "no force over the play",
             ("g", "y0"),
             tuple((g, y0) for g in (2e-4, 5e-4, 1e-3) for y0 in (-3e-4, -1e-4, 0.0)),
+        ),
+    ),
+    body_forms=(
+        Form(
+            "no force over the play",
+            ("g", "y0"),
+            tuple((g, y0) for g in (0.06, 0.2, 0.5) for y0 in (-0.6, -0.3, -0.1, 0.1, 0.4)),
         ),
     ),
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
+from drillenv.dynamics.forms import Form
 
 
 def _on_body(position, velocity, applied, stiffness, p):
@@ -19,4 +20,6 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="loses",
     on_body=_on_body,
+    body_constant="coulomb",
+    body_forms=(Form("coulomb", ("fc",), ((0.1,),)),),
 )

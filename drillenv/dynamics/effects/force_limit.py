@@ -40,8 +40,13 @@ EFFECT = Effect(
     energy="moves",
     laws={"drive-curve": _drive_law, "spring": _spring_law},
     on_body=_on_body,
+    body_sentence="The force on the body saturates: beyond a certain size less arrives than is applied.",
     forms=(
         Form("clipped", ("F_max",), ((200.0,), (280.0,), (380.0,))),
         Form("clipped spring", ("F_s",), ((150.0,), (230.0,))),
+    ),
+    body_forms=(
+        Form("clipped", ("F_max",), ((0.5,), (0.7,), (0.9,))),
+        Form("clipped spring", ("F_s",), ((0.3,), (0.5,), (0.8,))),
     ),
 )

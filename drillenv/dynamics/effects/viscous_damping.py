@@ -1,6 +1,7 @@
 """A force proportional to speed, on a one-body rig."""
 
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
+from drillenv.dynamics.forms import Form
 
 
 def _on_body(position, velocity, applied, stiffness, p):
@@ -17,4 +18,6 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="loses",
     on_body=_on_body,
+    body_constant="damping",
+    body_forms=(Form("linear", ("d",), ((0.1,),)),),
 )

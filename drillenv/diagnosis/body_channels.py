@@ -97,6 +97,11 @@ class Body:
         return low_pass(samples, self.rate, self.edge)[:: self.every]
 
     @property
+    def every_time(self) -> np.ndarray:
+        """(samples,) s from the first sample."""
+        return (EDGE + np.arange(self.smooth_velocity.size)) / self.rate
+
+    @property
     def time(self) -> np.ndarray:
         """(n,) s from the first sample."""
         return (EDGE + self.every * np.arange(self.velocity.size)) / self.rate

@@ -1,0 +1,306 @@
+"""A single body as blocks of the solver: mass * acceleration = force - law(position, velocity), rig ``one-body``.
+
+Nothing is simulated. The loop is cut at the sensors: the measured motion goes into the law, and what the law makes of
+it is held against the measured force or, where none is measured, against the measured acceleration. So neither a
+controller nor an unstable motion matters, and the force that is predicted is linear in all but a few parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from drillenv.diagnosis.body_channels import Body
+from drillenv.diagnosis.laws import Curve, Equation
+from drillenv.diagnosis.solver import Floats, Quadratic
+from drillenv.diagnosis.tables import Axes, look
+from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.dynamics.constitutive.places import DRIVE, GUIDE, SPRING
+from drillenv.dynamics.effects import REGISTRY
+
+ORDER = 16
+"""Of the autoregression at most."""
+NUDGE = 1e-4
+"""Of a parameter's unit, by which derivatives are taken."""
+FLOOR = 0.01
+"""Share of the noise's power that is taken to be white, whatever its spectrum."""
+CACHED = 400
+"""Terms' columns that are kept."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """Rows of a recording that are judged together: all of it, or a part where there are few recordings."""
+
+    body: Body
+    name: str
+    keep: NDArray[np.bool_]
+    """(n,) of the recording's rows."""
+    mass: float
+    """kg, that the left side is made with where no force is measured."""
+
+    @property
+    def measured(self) -> Floats:
+        """(n,) N, the left side of the balance."""
+        return self.body.force if self.body.force is not None else -self.mass * self.body.acceleration
+
+
+def argument_of(body: Body, place: int) -> Floats:
+    """(samples,) what a law at a place is over."""
+    if place == SPRING:
+        return body.smooth_position
+    if place == DRIVE:
+        assert body.smooth_force is not None
+        return body.smooth_force
+    return sliding(body) if place == GUIDE else body.smooth_velocity
+
+
+def sliding(body: Body) -> Floats:
+    """(samples,) m/s, 0 where the way that the body moves is not known."""
+    return np.where(np.abs(body.smooth_velocity) < body.slow, 0.0, body.smooth_velocity)
+
+
+Said = Callable[[Floats, Floats], dict[str, dict[str, Any]]]
+"""From values of a term's parameters and their standard deviations to the library's parameters by symbol."""
+
+
+@dataclass(frozen=True)
+class Forces(Term):
+    """Forces that are linear in the parameters."""
+
+    columns: Callable[[Body], Floats] = field(default=lambda body: np.zeros((0, body.velocity.size)), compare=False)
+    """From a recording to (parameters, n) N for each unit of a parameter."""
+    says: Said | None = field(default=None, compare=False)
+
+    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
+        """Parameters as the library's equation has them."""
+        return super().stated(values, spread) if self.says is None else self.says(values, spread)
+
+
+@dataclass(frozen=True)
+class Gain(Forces):
+    """The forces of the law as it is stated, times its one parameter."""
+
+
+@dataclass(frozen=True)
+class Bent(Term):
+    """A force that bends with its parameters."""
+
+    force: Callable[[Floats, Body], Floats] = field(default=lambda _, body: 0.0 * body.velocity, compare=False)
+    """(n,) N from the parameters and a recording."""
+    says: Said | None = field(default=None, compare=False)
+
+    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
+        """Parameters as the library's equation has them."""
+        return super().stated(values, spread) if self.says is None else self.says(values, spread)
+
+
+class Autoregression(NamedTuple):
+    """The noise of rows: each is a weighted sum of those before and something new."""
+
+    weights: Floats
+    """(order,)"""
+    std: float
+    """N, of what is new, at a power that all frequencies had."""
+    share: float = 1.0
+    """Of the frequencies that rows may have, those below the end of the channels' filter: so many rows in one are
+    independent."""
+
+    def whiten(self, rows: Floats) -> Floats:
+        """Rows (..., n) as white noise of variance 1 below the filter's end; the first ones lack those before."""
+        return np.asarray(lfilter(np.append(1.0, -self.weights) / self.std, [1.0], rows, axis=-1))
+
+    def size(self) -> float:
+        """N, root mean square of rows of this noise."""
+        frequencies = np.linspace(0.0, math.pi * self.share, 513)
+        turned = np.exp(-1j * np.outer(frequencies, np.arange(1, self.weights.size + 1)))
+        return self.std * math.sqrt(self.share * float(np.mean(1.0 / np.abs(1.0 - turned @ self.weights) ** 2)))
+
+    def judged(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Of rows (n,) those that stand behind as many as the noise remembers."""
+        run = np.convolve(~keep, np.ones(self.weights.size + 1))[: keep.size]
+        run[: self.weights.size] += 1
+        return run < 0.5
+
+
+def autoregression(left: Sequence[Floats], keep: Sequence[NDArray[np.bool_]], share: float) -> Autoregression:
+    """By least squares over all rows (n,) with what was left, its order by the criterion of Schwarz.
+
+    Above the end of the channels' filter, at a ``share`` of the highest frequency of rows, there is next to nothing,
+    and nothing is learned from that: white noise of a hundredth of the power is added in thought.
+    """
+    rows = []
+    for series, there in zip(left, keep, strict=True):
+        whole = np.convolve(~there, np.ones(ORDER + 1))[: there.size] < 0.5
+        whole[:ORDER] = False
+        at = np.flatnonzero(whole)
+        rows.append(series[at[:, None] - np.arange(ORDER + 1)])
+    table = np.concatenate(rows)
+    every = np.concatenate([series[there] for series, there in zip(left, keep, strict=True)])
+    power, count = float(np.mean(every**2)), len(table)
+    best = math.inf, np.zeros(0)
+    products = table.T @ table / max(count, 1) + FLOOR * power * np.eye(ORDER + 1)
+    for order in range(min(ORDER, count // 20) + 1):
+        weights = np.linalg.solve(products[1 : order + 1, 1 : order + 1], products[1 : order + 1, 0])
+        new = float(products[0, 0] - weights @ products[1 : order + 1, 0])
+        criterion = 0.5 * count * math.log(new) + 0.5 * order * math.log(max(count, 1))
+        if criterion < best[0]:
+            best = criterion, np.asarray(weights, dtype=float)
+    white = Autoregression(best[1], 1.0)
+    powers, inside = 0.0, 0.0
+    for series, there in zip(left, keep, strict=True):
+        said = np.where(white.judged(there), white.whiten(series), 0.0)
+        spectrum = np.abs(np.fft.rfft(said)) ** 2
+        powers, inside = powers + spectrum.sum(), inside + spectrum[: max(round(share * spectrum.size), 1)].sum()
+    judged = np.concatenate(
+        [white.whiten(series)[white.judged(there)] for series, there in zip(left, keep, strict=True)]
+    )
+    within = float(np.mean(judged**2)) * inside / powers / share
+    return white._replace(std=math.sqrt(within), share=float(np.mean(judged**2)) / within)
+
+
+_COLUMNS: OrderedDict[tuple[int, int], tuple[Any, Body, Floats]] = OrderedDict()
+
+
+def columns_of(term: Term, body: Body, axes: Axes) -> Floats:
+    """(parameters, n) N of a term that is linear in its parameters; those of the latest terms are kept."""
+    key = id(term), id(body)
+    if key in _COLUMNS:
+        _COLUMNS.move_to_end(key)
+        return _COLUMNS[key][2]
+    if isinstance(term, Forces):
+        made = term.columns(body)
+    else:
+        assert isinstance(term, Curve)
+        x = argument_of(body, term.place)
+        # of the drive, less force is needed where more arrives
+        turn = -1.0 if term.place == DRIVE else 1.0
+        made = np.array([turn * body.rows(look(row, axes, term.place, x)) for row in term.basis])
+    _COLUMNS[key] = term, body, made
+    if len(_COLUMNS) > CACHED:
+        _COLUMNS.popitem(last=False)
+    return made
+
+
+def equation_force(effect: str, p: tuple[float, ...], body: Body, stiffness: float) -> Floats:
+    """(n,) N, by what an effect of the library makes the force larger that a motion needs."""
+    act = REGISTRY[effect].on_body
+    assert act is not None
+    applied = body.smooth_force if body.smooth_force is not None else np.zeros_like(body.smooth_position)
+    return -body.rows(act(body.smooth_position, sliding(body), applied, stiffness, p))
+
+
+@dataclass
+class ForceBalance:
+    """A stretch of a recording as a block of the solver. It has no unknowns of its own."""
+
+    data: Stretch
+    hypothesis: Hypothesis
+    weight: float
+    noise: Autoregression
+
+    def __post_init__(self) -> None:
+        self.widths = np.array([each.width for each in self.hypothesis.unknowns])
+        self.judged = self.noise.judged(self.data.keep)
+
+    @property
+    def name(self) -> str:
+        """Of the stretch."""
+        return self.data.name
+
+    @property
+    def samples(self) -> int:
+        """How many independent rows are judged."""
+        return round(self.noise.share * int(self.judged.sum()))
+
+    def stiffness(self, values: Floats) -> float:
+        """N/m of the law's spring; 0 where it has none."""
+        names = [each.name for each in self.hypothesis.terms[0].unknowns]
+        return float(values[names.index("stiffness")]) if "stiffness" in names else 0.0
+
+    def of_term(self, term: Term, own: Floats, stiffness: float) -> Floats:
+        """(n,) N of one term."""
+        body = self.data.body
+        if isinstance(term, Equation):
+            return equation_force(term.effect, term.parameters(own), body, stiffness)
+        if isinstance(term, Bent):
+            return term.force(own, body)
+        return own @ columns_of(term, body, self.hypothesis.axes)
+
+    def predicted(self, values: Floats) -> Floats:
+        """(n,) N, the right side of the balance."""
+        stiffness = self.stiffness(values)
+        pairs = zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True)
+        return sum((self.of_term(term, own, stiffness) for term, own in pairs), np.zeros(self.data.keep.size))
+
+    def left(self, values: Floats) -> Floats:
+        """(n,) N, measured less predicted."""
+        return self.data.measured - self.predicted(values)
+
+    def residual(self, values: Floats) -> Floats:
+        """(judged,) the same as the noise model weighs it."""
+        return self.noise.whiten(self.left(values))[self.judged]
+
+    def cost(self, shared: Floats, own: Floats) -> float:
+        """Negative log-likelihood."""
+        return 0.5 * float(np.sum(self.residual(shared * self.widths) ** 2))
+
+    def derivatives(self, values: Floats) -> Floats:
+        """(parameters, n) N, of what is predicted."""
+        stiffness, first = self.stiffness(values), 0
+        made = np.zeros((values.size, self.data.keep.size))
+        names = [each.name for each in self.hypothesis.terms[0].unknowns]
+        for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
+            if not isinstance(term, Equation | Bent):
+                made[first : first + own.size] = columns_of(term, self.data.body, self.hypothesis.axes)
+            else:
+                for j, unknown in enumerate(term.unknowns):
+                    step = NUDGE * unknown.width
+                    ahead, behind = own.copy(), own.copy()
+                    ahead[j] += step
+                    behind[j] -= step
+                    change = self.of_term(term, ahead, stiffness) - self.of_term(term, behind, stiffness)
+                    made[first + j] = change / (2.0 * step)
+                if stiffness > 0.0 and isinstance(term, Equation):
+                    step = NUDGE * stiffness
+                    change = self.of_term(term, own, stiffness + step) - self.of_term(term, own, stiffness - step)
+                    made[names.index("stiffness")] += change / (2.0 * step)
+            first += own.size
+        return made
+
+    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
+        """The same with its derivatives."""
+        values, none = shared * self.widths, np.zeros(0)
+        residual = self.residual(values)
+        by = self.noise.whiten(self.derivatives(values))[:, self.judged] * self.widths[:, None]
+        cross = np.zeros((0, shared.size))
+        return Quadratic(
+            0.5 * float(residual @ residual), none, -by @ residual, np.zeros((0, 0)), cross, by @ by.T, none
+        )
+
+    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+        """The cost after a step."""
+        return self.cost(shared, own), own
+
+    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[ForceBalance, Floats]:
+        """The same under another hypothesis."""
+        return replace(self, hypothesis=hypothesis), own
+
+    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+        """There is nothing to settle."""
+        return own
+
+    def restarted(self, shared: Floats, own: Floats) -> Floats:
+        """There is nothing to begin anew."""
+        return own
+
+    def chained(self, shared: Floats, own: Floats) -> Floats:
+        """There is nothing to chain."""
+        return own

@@ -1,0 +1,892 @@
+"""A campaign of a single body: from its recordings to the records of ``report.json`` and ``model.json``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import t as student
+
+from drillenv.checks import InputError, shown
+from drillenv.diagnosis.body import (
+    NUDGE,
+    Autoregression,
+    Bent,
+    ForceBalance,
+    Gain,
+    Stretch,
+    autoregression,
+    columns_of,
+)
+from drillenv.diagnosis.body_channels import Body, prepare
+from drillenv.diagnosis.body_rig import UNITS, BodyRig, Scale, axes_of_bodies, gain_of_law, law_of_body, sampling
+from drillenv.diagnosis.findings import deviations, equivalents, form_of, parameters_of_equation, rejected
+from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
+from drillenv.diagnosis.laws import Curve, Equation
+from drillenv.diagnosis.measured import BAND, POINTS, band, indices_of
+from drillenv.diagnosis.naming import THOROUGH, Named, without
+from drillenv.diagnosis.page import Trace, Wave
+from drillenv.diagnosis.selection import Step, Tested, forward, regular
+from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.tables import Axes, look
+from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.thresholds import LEFT, MATERIAL, SEVERAL, SURELY, WELL_EXPLAINED
+from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
+from drillenv.dynamics.effects import REGISTRY
+from drillenv.recordings import Campaign, QualityFinding
+
+FEWEST, PARTS = 3, 6
+"""Recordings below which each is judged in so many parts."""
+ROUNDS = 4
+"""Of the estimate of the noise and the richest model's fit."""
+RICHEST = (2, 1)
+"""Resolutions of free laws that the richest model may have."""
+PER_PARAMETER = 4.0
+"""Independent rows for each parameter of the richest model, at least."""
+NOISY = 0.5
+"""Noise over signal from which there is nothing to diagnose."""
+TINY = 2e-3
+"""Of the force, root mean square: what explains less is no physics that anybody misses."""
+SLIGHT = 0.01
+"""Of the force: what is left below that is not a mismatch that anybody asks about."""
+STRUCK = 1.3
+"""Mean square over the noise from which a recording differs from the law."""
+DRAWS = 2000
+"""Of recordings, for an interval."""
+SEED = 20_190_419
+MOST_LINES = 4
+SHORTEST, MOVES = 128, 0.05
+"""Rows of a recording in which a frequency is looked for, and the share of the power of the speed from which it is the
+motion's own."""
+LINE = 0.2
+"""Share of what is left that a line must have to be spoken of."""
+ARGUMENTS = {
+    SPRING: ("position", "m"),
+    DAMPER: ("velocity", "m/s"),
+    GUIDE: ("velocity", "m/s"),
+    DRIVE: ("applied force", "N"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyOutcome:
+    """What the diagnosis of one body came to."""
+
+    record: dict[str, Any]
+    """As ``report.json``; beyond its keys: explained, constants (all of the law), rest (what is left), cells."""
+    model: dict[str, Any]
+    """As ``model.json``: the constants in SI and the effects; without either where nothing is explained."""
+    waves: tuple[Wave, ...]
+    """Of each recording, filtered: the measured side of the balance before and after, and the motion."""
+
+    @property
+    def verdict(self) -> str:
+        """agrees, parameters, missing-physics or unexplained."""
+        return self.record["verdict"]
+
+
+def diagnose_body(
+    campaign: Campaign,
+    faults: Sequence[QualityFinding] = (),
+    note: Callable[[str], object] | None = None,
+) -> BodyOutcome:
+    """The verdict on a campaign of one body.
+
+    Args:
+        campaign: Of the rig one-body.
+        faults: Of the quality check; recordings, channels and stretches that they take out are not used.
+        note: Told what is being done.
+
+    Raises:
+        InputError: the campaign is of another rig, no recording can be used, or nothing says how large the mass is.
+    """
+    if campaign.rig != "one-body":
+        raise InputError(f"campaign {shown(campaign.title)} is of the rig {campaign.rig}: give one of one-body")
+    say = note or (lambda _text: None)
+    say("making the channels comparable")
+    bodies, remarks = prepare(campaign, faults)
+    entry, forced = campaign.nominal["mass"], bodies[0].force is not None
+    if not forced and entry.value is None:
+        raise InputError(
+            f"campaign {shown(campaign.title)}: no force is measured and the mass is not stated: give one of the two, "
+            "or the law is known to a factor only"
+        )
+    mass = entry.value or 1.0
+    stretches = stretches_of([body for body in bodies if not body.held], mass)
+    measured = np.concatenate([each.measured[each.keep] for each in stretches])
+    side = "force" if forced else "acceleration"
+    if not np.ptp(measured) > 0.0:
+        raise InputError(
+            f"campaign {shown(campaign.title)}: the {side} never changes: see that its sensor was connected"
+        )
+    begun = begin(campaign, stretches, mass)
+    if white_floor(stretches, begun) > NOISY * float(np.std(measured)):
+        raise InputError(
+            f"campaign {shown(campaign.title)}: the {side} hardly stands out of its noise: "
+            "see that its sensor was connected, or record larger motions"
+        )
+    with ThreadPoolExecutor(1) as pool:
+        own = [np.zeros(0)] * len(stretches)
+        plain = fit_to(stretches, begun, None, own, pool, JOINED, Limits(10, 0.5, 0.003))
+        say(f"reduced chi-square {plain.per_freedom:.3f}")
+        final, steps, tested = forward(stretches, plain, pool, say)
+        final = fit_to(stretches, final.hypothesis, final.fit.shared, own, pool, JOINED, Limits(30, 1e-3), final.noise)
+        final, steps = as_sums(final, as_one(steps), pool, say)
+        # both by one yardstick
+        plain = fit_to(stretches, plain.hypothesis, plain.fit.shared, own, pool, JOINED, THOROUGH, final.noise)
+        return BodyReport(campaign, bodies, tuple(remarks), tuple(faults), plain, final, steps, tested, pool).outcome()
+
+
+def as_one(steps: Sequence[Step]) -> list[Step]:
+    """Measured laws over the speed as one, under the name of that which explains most, and equations with them."""
+    speed = [step for step in steps if is_of_speed(step)]
+    if len(speed) < 2 or all(step.named.equation is not None for step in speed):
+        return list(steps)
+    most = max(speed, key=lambda step: step.gain)
+    terms = tuple(term for step in speed for term in step.terms)
+    named = replace(most.named, equation=None)
+    return [replace(most, terms=terms, named=named) if step is most else step
+            for step in steps if step is most or step not in speed]  # fmt: skip
+
+
+def as_sums(
+    fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Callable[[str], object]
+) -> tuple[Fitted, list[Step]]:
+    """A fit and its steps, measured laws that two of the library's equations together say as well in two."""
+    rig, found = cast("BodyRig", fitted.hypothesis.rig), []
+    data, own = [block.data for block in fitted.blocks], [np.zeros(0)] * len(fitted.blocks)
+    for step in steps:
+        places = {term.place for term in step.terms if isinstance(term, Curve)}
+        curved = bool(places) and step.named.equation is None
+        size = sum(len(term.unknowns) for term in step.terms)
+        rest, start = without(fitted, step.terms) if curved else (fitted.hypothesis, fitted.fit.shared)
+        best: tuple[Fitted, tuple[Equation, ...]] | None = None
+        for pair in combinations(rig.equations(places) if curved else (), 2):
+            if pair[0].effect == pair[1].effect or {each.name for each in pair} & {e.name for e in rest.terms}:
+                continue
+            begun = np.concatenate([start, *(np.array(e.form.starts[0]) / [u.width for u in e.unknowns] for e in pair)])
+            hypothesis = replace(rest, terms=(*rest.terms, *pair))
+            both = fit_to(data, hypothesis, begun, own, pool, JOINED, THOROUGH, fitted.noise)
+            fewer = size - sum(len(each.unknowns) for each in pair)
+            as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer)
+            if as_well and (best is None or both.cost < best[0].cost):
+                best = both, pair
+        if best is None:
+            found.append(step)
+            continue
+        fitted = best[0]
+        say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
+        for each in best[1]:
+            values = fitted.values_of(each.name)
+            named = Named(step.family, each.effect, each, [], (each, values))
+            found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted))
+    return fitted, found
+
+
+def stretches_of(bodies: Sequence[Body], mass: float) -> list[Stretch]:
+    """Recordings, or parts of them where they are few."""
+    if len(bodies) >= FEWEST:
+        return [Stretch(body, body.name, body.keep, mass) for body in bodies]
+    found = []
+    for body in bodies:
+        part = np.arange(body.keep.size) * PARTS // body.keep.size
+        found += [Stretch(body, f"{body.name}, part {i + 1}", body.keep & (part == i), mass) for i in range(PARTS)]
+    return found
+
+
+def begin(campaign: Campaign, stretches: Sequence[Stretch], mass: float) -> Hypothesis:
+    """The law that the lab believes in, of a rig with the noise that its richest model leaves."""
+    bodies = list({id(each.body): each.body for each in stretches}.values())
+
+    def most(name: str) -> float:
+        return max(float(np.percentile(np.abs(getattr(body, name)), 99.8)) for body in bodies)
+
+    force = float(np.percentile(np.abs(np.concatenate([each.measured[each.keep] for each in stretches])), 99.8))
+    scale = Scale(force, most("smooth_position"), most("smooth_velocity"))
+    law, stated = law_of_body(campaign, bodies[0].force is not None, mass, scale)
+    timing, axes = sampling(bodies[0].rate, mass), axes_of_bodies(bodies)
+    rig = BodyRig(stretches, Autoregression(np.zeros(0), 1.0), scale, axes, stated, gain_of_law(law))
+    noise = noise_of_richest(rig, (law, timing))
+    return Hypothesis((law, timing), axes, replace(rig, noise=noise))
+
+
+def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
+    """What a model with every family leaves, and the fit that is weighed by it, by turns.
+
+    D. Cochrane and G. H. Orcutt, Journal of the American Statistical Association 44 (1949) 32-61. Its laws are as fine
+    as there are rows enough for; lines that stand out of what is left are no noise.
+    """
+    stretches = rig.stretches
+    rows = rig.band * sum(int(each.keep.sum()) for each in stretches)
+    for detail in RICHEST:
+        families = [*rig.laws(None, rig.axes, detail), *rig.sensors(), *rig.outside()]
+        terms = [*law, *(term for each in families for term in each.terms if not isinstance(term, Bent))]
+        if rows > PER_PARAMETER * sum(len(each.unknowns) for each in terms):
+            break
+    else:
+        terms = list(law)
+    made = [np.concatenate([columns_of(term, each.body, rig.axes) for term in terms]) for each in stretches]
+    noise, waves = Autoregression(np.zeros(0), 1.0), np.zeros((0, 0))
+    lines: list[list[float]] = [[] for _ in stretches]
+    for turn in range(ROUNDS):
+        judged = [noise.judged(each.keep) for each in stretches]
+        x, y, first = [], [], 0
+        count = 2 * sum(map(len, lines))
+        own = [beside(each.body, frequencies) for each, frequencies in zip(stretches, lines, strict=True)]
+        for each, columns, waves, keep in zip(stretches, made, own, judged, strict=True):
+            wide = np.zeros((len(columns) + count, int(keep.sum())))
+            wide[: len(columns)] = noise.whiten(columns)[:, keep]
+            if len(waves):
+                wide[len(columns) + first :][: len(waves)] = noise.whiten(waves)[:, keep]
+            first += len(waves)
+            x.append(wide)
+            y.append(noise.whiten(each.measured)[keep])
+        table = np.concatenate(x, axis=1).T
+        sizes = np.linalg.norm(table, axis=0)
+        sizes = np.where(sizes > 0.0, sizes, 1.0)
+        found = np.linalg.lstsq(table / sizes, np.concatenate(y), rcond=1e-8)[0] / sizes
+        left, first = [], len(made[0])
+        for each, columns, waves in zip(stretches, made, own, strict=True):
+            left.append(each.measured - found[: len(columns)] @ columns - found[first : first + len(waves)] @ waves)
+            first += len(waves)
+        noise = autoregression(left, [each.keep for each in stretches], rig.band)
+        independent = noise.share * sum(int(noise.judged(each.keep).sum()) for each in stretches)
+        noise = noise._replace(std=noise.std / math.sqrt(max(1.0 - table.shape[1] / independent, 0.5)))
+        if turn == 0:
+            lines = [lines_in(each, rows) for each, rows in zip(stretches, left, strict=True)]
+    return noise
+
+
+def beside(body: Body, frequencies: Sequence[float]) -> Floats:
+    """(2 frequencies, n) sine and cosine of each in Hz."""
+    turned = 2.0 * math.pi * np.outer(np.asarray(frequencies, dtype=float), body.time)
+    return np.concatenate([np.sin(turned), np.cos(turned)])
+
+
+def lines_in(data: Stretch, left: Floats) -> list[float]:
+    """Hz of lines that stand far out of what is left of a stretch."""
+    signal, found = np.where(data.keep, left, 0.0), []
+    per_row = data.body.rate / data.body.every
+    for _ in range(MOST_LINES):
+        tone = strongest_line(signal, per_row)
+        if tone is None:
+            break
+        found.append(tone[0])
+        waves = beside(data.body, found)[:, data.keep]
+        signal[data.keep] = left[data.keep] - np.linalg.lstsq(waves.T, left[data.keep])[0] @ waves
+    return found
+
+
+def strongest_line(signal: Floats, rate: float) -> tuple[float, float, int] | None:
+    """Hz, share of the power and the place of the largest line of a signal (n,), where it stands far out."""
+    if signal.size < SHORTEST:
+        return None
+    power = np.abs(np.fft.rfft(signal * np.hanning(signal.size))) ** 2
+    stands = power > math.log(power.size / 1e-4) / math.log(2.0) * median_filter(power, 41, mode="nearest")
+    stands[:3] = stands[-3:] = False
+    top = int(np.argmax(np.where(stands, power, 0.0)))
+    if not stands[top]:
+        return None
+    share = float(power[top - 2 : top + 3].sum() / power[1:].sum())
+    # a parabola through the logarithms of a peak gives its place between the lines
+    low, high, below = np.log(power[[top - 1, top, top + 1]] + 1e-300)
+    return (top + 0.5 * (low - below) / (low - 2 * high + below)) * rate / signal.size, share, top
+
+
+def white_floor(stretches: Sequence[Stretch], begun: Hypothesis) -> float:
+    """N, root mean square that the white noise of the channels alone leaves of the balance as it is stated."""
+    constants = {each.name: each.value for each in begun.terms[0].unknowns}
+    total, rows = 0.0, 0
+    for each in stretches:
+        parts = {"velocity": constants.get("damping", 0.0), "position": constants.get("stiffness", 0.0)}
+        if each.body.force is None:
+            parts["acceleration"] = each.mass
+        else:
+            parts |= {"force": 1.0, "acceleration": constants.get("mass", 0.0)}
+        count = int(each.keep.sum())
+        total += count * sum((size * each.body.noise[name]) ** 2 for name, size in parts.items())
+        rows += count
+    return math.sqrt(total / rows)
+
+
+class Evidence(NamedTuple):
+    """What speaks for a step."""
+
+    share: float
+    """Of the mismatch, that the others do not explain without it."""
+    left_out: float
+    """The same of recordings or parts of them that were left out of the fit."""
+    p: float
+    """That it gains no more than nothing on those, over recordings."""
+    exact: bool
+    """Whether it is an equation of the library."""
+    force: float
+    """Root mean square that it explains, over that of the measured side."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is more than what others' errors leave, in recording after recording."""
+        again = self.p < 0.01
+        if self.exact:
+            seen = self.force > SLIGHT or (self.force > TINY and again)
+            return self.left_out > 0.0 and (self.share > MATERIAL or seen)
+        return self.share > MATERIAL and self.force > TINY and (self.share > SURELY or again)
+
+
+@dataclass(slots=True, eq=False)
+class BodyReport:
+    """Puts a finished search into words and numbers."""
+
+    campaign: Campaign
+    bodies: list[Body]
+    remarks: tuple[str, ...]
+    faults: tuple[QualityFinding, ...]
+    plain: Fitted
+    """The law, all its constants fitted."""
+    final: Fitted
+    """With all families that were found."""
+    every: list[Step]
+    tested: Tested
+    pool: Executor
+    steps: list[Step] = field(init=False)
+    """Mechanisms that hold."""
+    minor: list[Step] = field(init=False)
+    """Families that explain too little, or not in recording after recording."""
+    evidence: dict[int, Evidence] = field(init=False)
+    believed: Fitted = field(init=False)
+    """The law with the constants that the lab states, the others fitted."""
+    size: float = field(init=False)
+    """N, standard deviation of the measured side."""
+
+    def __post_init__(self):
+        self.size = float(np.std(np.concatenate([b.data.measured[b.data.keep] for b in self.final.blocks])))
+        self.evidence = {id(step): self.weigh(step) for step in self.every if not step.family.constant}
+        missing = [step for step in self.every if not step.family.constant]
+        self.steps = [step for step in missing if self.evidence[id(step)].holds]
+        self.minor = [step for step in missing if not self.evidence[id(step)].holds]
+        for step in self.minor:
+            # constants are those beside what holds
+            rest, start = without(self.final, step.terms)
+            self.final = self.refitted(rest, start)
+        constants = self.plain.hypothesis.terms[0]
+        tight = tuple(e._replace(std=1e-4 * e.std) if math.isfinite(e.std) else e for e in constants.unknowns)
+        hypothesis = self.plain.hypothesis
+        hypothesis = replace(hypothesis, terms=(replace(constants, unknowns=tight), *hypothesis.terms[1:]))
+        self.believed = self.refitted(hypothesis, self.plain.fit.shared)
+
+    def refitted(self, hypothesis: Hypothesis, start: Floats) -> Fitted:
+        """Another hypothesis on the same rows by the same noise."""
+        data = [block.data for block in self.plain.blocks]
+        return fit_to(data, hypothesis, start, [np.zeros(0)] * len(data), self.pool, JOINED, THOROUGH, self.final.noise)
+
+    # --- what speaks for it
+
+    def mismatch(self, fitted: Fitted) -> Floats:
+        """(stretches,) by how much squares of whitened rows exceed the noise, each by a fit to the others."""
+        found = []
+        for block, shared in zip(fitted.blocks, left_out_in_turn(fitted), strict=True):
+            found.append(float(np.sum(block.residual(shared * block.widths) ** 2)) - block.samples)
+        return np.array(found)
+
+    def weigh(self, step: Step) -> Evidence:
+        """What the fit loses without a step."""
+        rest, start = without(self.final, step.terms)
+        other = self.refitted(rest, start)
+        total = max(2.0 * self.plain.cost - self.plain.samples, 1e-300)
+        gains = self.mismatch(other) - self.mismatch(self.final)
+        spread = float(gains.std(ddof=1)) / math.sqrt(gains.size)
+        p = float(student.sf(gains.mean() / max(spread, 1e-300), gains.size - 1))
+        left_out = float(gains.sum()) / max(float(self.mismatch(self.plain).sum()), 1e-300)
+        exact = step.named.equation is not None
+        force = math.sqrt(max(rms(other) ** 2 - rms(self.final) ** 2, 0.0)) / self.size
+        return Evidence(2.0 * (other.cost - self.final.cost) / total, left_out, p, exact, force)
+
+    def explained(self) -> dict[str, Any]:
+        """Share of the mismatch that the mechanisms explain, of rows left out of the fit, with an interval."""
+        before, after = self.mismatch(self.plain if self.steps else self.believed), self.mismatch(self.final)
+        rng = np.random.default_rng(SEED)
+        drawn = rng.integers(before.size, size=(DRAWS, before.size))
+        totals = before[drawn].sum(axis=1)
+        shares = 1.0 - after[drawn].sum(axis=1) / np.where(totals > 0.0, totals, np.inf)
+        low, high = np.percentile(shares, [2.5, 97.5])
+        share = 1.0 - float(after.sum()) / float(before.sum()) if before.sum() > 0.0 else 0.0
+        return {"share": min(share, 1.0), "interval": [float(low), min(float(high), 1.0)]}
+
+    # --- the verdict
+
+    def verdict(self) -> str:
+        """In one word."""
+        outside = [step for step in self.steps if step.family.outside]
+        left = self.left_share() > LEFT and self.excess() > SLIGHT * self.size
+        if outside:
+            return "unexplained"
+        if not self.steps:
+            if left and self.explained()["share"] < WELL_EXPLAINED:
+                return "unexplained"
+            return "parameters" if self.off() else "agrees"
+        if left and self.explained()["interval"][0] < WELL_EXPLAINED:
+            return "unexplained"
+        return "missing-physics"
+
+    def left_share(self) -> float:
+        """What is left beyond the noise, over it, in squares."""
+        return self.final.per_freedom - 1.0
+
+    def excess(self) -> float:
+        """N, root mean square of what is left beyond the noise."""
+        return rms(self.final) * math.sqrt(max(1.0 - 1.0 / max(self.final.per_freedom, 1e-9), 0.0))
+
+    def off(self) -> list[str]:
+        """Stated constants that are off by several of their tolerances."""
+        constants = self.plain.hypothesis.terms[0].unknowns
+        pairs = zip(constants, self.final.values, strict=False)
+        return [each.name for each, value in pairs if abs(value - each.value) > SEVERAL * each.std]
+
+    def spread(self, fitted: Fitted) -> Floats:
+        """Standard deviations of all parameters, those by how they differ between stretches if these are larger.
+
+        The latter by the sandwich, clustered by stretches (H. White, Econometrica 50 (1982) 1-25).
+        """
+        widths = np.array([each.width for each in fitted.hypothesis.unknowns])
+        gradients = np.array([part.by_shared for part in fitted.fit.parts])
+        moved = gradients @ fitted.fit.covariance
+        clustered = len(moved) / (len(moved) - 1) * np.sum(moved**2, axis=0)
+        return np.maximum(deviations(fitted), np.sqrt(clustered) * widths)
+
+    def constants(self) -> dict[str, Any]:
+        """Every constant of the law, fitted."""
+        fitted, entry = self.stating(), self.campaign.nominal["mass"]
+        spread, found = self.spread(fitted), {}
+        for each, value, std in zip(self.plain.hypothesis.terms[0].unknowns, fitted.values, spread, strict=False):
+            found[each.name] = number(float(value), math.hypot(std, self.loose() * value), UNITS[each.name])
+        if entry.value is not None and "mass" not in found:
+            found = {"mass": number(entry.value, entry.std or 0.0, "kg"), **found}
+        return found
+
+    def stating(self) -> Fitted:
+        """The fit by which constants are stated.
+
+        Of one that nobody states, a free law takes as much as it likes: where an equation comes near to the law, that
+        says what is the constant's.
+        """
+        alone = [self.alone(step) for step in self.steps if step.named.equation is None and self.comes_near(step)]
+        free = any(math.isinf(each.std) for each in self.plain.hypothesis.terms[0].unknowns)
+        return alone[0] if alone and free and len(self.mechanisms()) == 1 else self.final
+
+    def loose(self) -> float:
+        """Tolerance of the mass over its value, where it scales every force."""
+        entry = self.campaign.nominal["mass"]
+        return 0.0 if self.bodies[0].force is not None else (entry.std or 0.0) / (entry.value or 1.0)
+
+    def parameters(self) -> dict[str, Any]:
+        """Constants that are off, and those that were to be estimated, whose nominal is None."""
+        nominal = {name: each.value for name, each in self.campaign.nominal.items()}
+        return {
+            name: {**entry, "nominal": nominal[name]}
+            for name, entry in self.constants().items()
+            if name in self.off() or nominal.get(name) is None
+        }
+
+    # --- where, and what is left
+
+    def cells(self) -> list[dict[str, Any]]:
+        """Mean square over the noise that the lab's law leaves, by recording, way and speed."""
+        found: dict[tuple[str, str], list[Floats]] = {}
+        fast = float(np.median(np.abs(np.concatenate([b.data.body.velocity[b.judged] for b in self.plain.blocks]))))
+        for block in self.plain.blocks:
+            body, values = block.data.body, self.plain.values
+            speed, white = body.velocity[block.judged], block.residual(values) ** 2 / block.noise.share
+            left = block.left(values)[block.judged]
+            for way, moving in (("forward", speed > 0.0), ("backward", speed <= 0.0)):
+                for pace, quick in (("slow", np.abs(speed) <= fast), ("fast", np.abs(speed) > fast)):
+                    there = moving & quick
+                    found.setdefault((body.name, f"{way}, {pace}"), []).append(np.array([white[there], left[there]]))
+        cells = []
+        for (name, regime), parts in found.items():
+            white, left = np.concatenate(parts, axis=1)
+            if white.size:
+                channel = "force" if self.bodies[0].force is not None else "acceleration"
+                cells.append(
+                    {
+                        "recording": name,
+                        "channel": channel,
+                        "regime": regime,
+                        "samples": white.size,
+                        "mean_square": float(white.mean()),
+                        "mean": float(left.mean()),
+                    }
+                )
+        return cells
+
+    def where(self, verdict: str, cells: list[dict[str, Any]]) -> dict[str, Any]:
+        """Balance, regimes and recordings of the mismatch, and a sentence."""
+        if verdict == "agrees":
+            text = "What is left is noise within the stated tolerances of the constants."
+            if self.left_share() > LEFT:
+                text = f"What is left, {self.excess():.3g} N, is less than {100 * SLIGHT:g} % of the force."
+            return {"balance": None, "regimes": [], "recordings": [], "summary": text}
+        surplus: dict[str, float] = {}
+        for each in cells:
+            grown = (each["mean_square"] - 1.0) * each["samples"]
+            surplus[each["regime"]] = surplus.get(each["regime"], 0.0) + grown
+        total = max(sum(surplus.values()), 1e-300)
+        regimes = sorted((name for name in surplus if surplus[name] > 0.2 * total), key=lambda name: -surplus[name])
+        balance = "body"
+        if verdict == "missing-physics":
+            effects = [REGISTRY[name] for name in self.mechanisms()]
+            balance = "sensor" if effects[0].balances == ("sensor",) else "body"
+            text = " ".join(effect.body_sentence or effect.sentence for effect in effects)
+            text += f" {self.rest()['summary']}" if self.left_share() > LEFT else ""
+        elif verdict == "parameters":
+            text = "Constants that are off by several of their tolerances explain it."
+        else:
+            text = f"{self.rest()['summary']} It is largest moving {' and '.join(regimes[:2])}."
+        recordings = sorted({each["recording"] for each in cells if each["mean_square"] > STRUCK})
+        return {"balance": balance, "regimes": regimes, "recordings": recordings, "summary": text}
+
+    def mechanisms(self) -> list[str]:
+        """Names of those that hold, each once."""
+        return list(dict.fromkeys(step.named.mechanism for step in self.steps))
+
+    def rest(self) -> dict[str, Any]:
+        """What is left, in words and numbers."""
+        outside = [step for step in (*self.steps, *self.minor) if step.family.outside]
+        words = [step.family.outside for step in outside]
+        words += [f"a little of it is like {step.named.mechanism}" for step in self.minor if not step.family.outside]
+        excess = self.excess()
+        if not words and self.left_share() > LEFT:
+            words.append("it is like none of the families that were tried")
+        text = f"{excess:.3g} N beyond the noise are left, {100 * excess / self.size:.2g} % of the force"
+        shapes = [
+            {
+                "shape": step.family.outside or step.named.mechanism,
+                "gain": self.evidence[id(step)].left_out,
+                "share": self.evidence[id(step)].share,
+            }
+            for step in (*outside, *(each for each in self.minor if not each.family.outside))
+        ]
+        return {
+            "summary": text + (f": {'; '.join(words)}." if words else "."),
+            "excess": excess,
+            "unit": "N",
+            "over_noise": self.final.per_freedom,
+            "shapes": shapes,
+            "lines": [],
+        }
+
+    # --- what was found
+
+    def findings(self) -> list[dict[str, Any]]:
+        """One entry for each mechanism; laws of the same mechanism over the same argument are one."""
+        return [
+            self.finding(name, [step for step in self.steps if step.named.mechanism == name])
+            for name in self.mechanisms()
+        ]
+
+    def finding(self, mechanism: str, steps: Sequence[Step]) -> dict[str, Any]:
+        """One entry of the findings."""
+        effect, first = REGISTRY[mechanism], steps[0]
+        exact = len(steps) == 1 and first.named.equation is not None
+        weighed = [self.evidence[id(step)] for step in steps]
+        evidence: dict[str, Any] = {
+            "gain": round(sum(step.gain for step in steps), 1),
+            "share": round(max(each.share for each in weighed), 4),
+            "share_of_left_out": round(max(each.left_out for each in weighed), 4),
+            "equation": effect.equation if exact else "none of the library's: see the law",
+            "source": effect.source,
+        }
+        if "sensor" not in effect.balances and exact:
+            evidence["beside_a_free_lag"] = self.beside_lag(first)
+        entry: dict[str, Any] = {
+            "mechanism": mechanism,
+            "equivalents": sorted({name for step in steps for name in equivalents(step)} - {mechanism}),
+            "explanation": effect.body_sentence or effect.sentence,
+            "form": form_of(first) if exact else "measured",
+            "parameters": self.strengths(first, self.final) if exact else self.nearest(first),
+            "evidence": evidence,
+        }
+        if any(isinstance(term, Curve) for step in steps for term in step.terms):
+            first = next(step for step in steps if any(isinstance(term, Curve) for term in step.terms))
+            same = [step for step in steps if step.family.group == first.family.group or is_of_speed(step, first)]
+            entry["law"] = self.law([term for step in same for term in step.terms])
+        return entry
+
+    def law(self, terms: Sequence[Term]) -> dict[str, Any]:
+        """Laws over the same argument as one, with a 95 % band."""
+        final, axes = self.final, self.final.hypothesis.axes
+        place = next(each.place for each in terms if isinstance(each, Curve))
+        ends = axes.points(place)[[0, -1]]
+        x = np.linspace(float(ends[0]), float(ends[1]), POINTS)
+        inside = indices_of(final, terms)
+        widths = np.array([final.hypothesis.unknowns[i].width for i in inside])
+        stiffness = final.blocks[0].stiffness(final.values)
+        names = {each.name for each in terms}
+        terms = [each for each in final.hypothesis.terms if each.name in names]
+
+        def curve(scaled: Floats) -> Floats:
+            total, first = np.zeros(POINTS), 0
+            for term in terms:
+                own = (scaled * widths)[first : first + len(term.unknowns)]
+                total = total + law_at(term, own, place, x, axes, stiffness)
+                first += own.size
+            return total
+
+        at = final.fit.shared[inside]
+        y = curve(at)
+        slopes = np.array([(curve(at + step) - y) / NUDGE for step in NUDGE * np.eye(at.size)])
+        spread = band(final, inside, slopes.T)
+        argument, unit = ARGUMENTS[place]
+        return {
+            "argument": argument,
+            "argument_unit": unit,
+            "unit": "N",
+            "x": x.tolist(),
+            "y": y.tolist(),
+            "low": (y - BAND * spread).tolist(),
+            "high": (y + BAND * spread).tolist(),
+        }
+
+    def nearest(self, step: Step) -> dict[str, Any]:
+        """Parameters of the equation that comes nearest to a measured law, where it explains nearly all of it."""
+        if not self.comes_near(step):
+            return {}
+        assert step.named.nearest_fit is not None
+        return self.stated(step.named.nearest_fit[0], self.alone(step))
+
+    def comes_near(self, step: Step) -> bool:
+        """Whether the nearest equation explains nearly all that a measured law does."""
+        named = step.named
+        worse = named.nearest[0][1] if named.nearest else 0.0
+        return named.nearest_fit is not None and worse < (1.0 - WELL_EXPLAINED) * step.gain
+
+    def alone(self, step: Step) -> Fitted:
+        """The law with the equation that comes nearest to a step's law."""
+        assert step.named.nearest_fit is not None
+        equation, values = step.named.nearest_fit
+        plain = self.plain
+        hypothesis = replace(plain.hypothesis, terms=(*plain.hypothesis.terms, equation))
+        start = np.concatenate([plain.fit.shared, values / np.array([each.width for each in equation.unknowns])])
+        return self.refitted(hypothesis, start)
+
+    def strengths(self, step: Step, fitted: Fitted) -> dict[str, Any]:
+        """Parameters of a mechanism's equation with their standard deviations."""
+        assert step.named.equation is not None
+        return self.stated(step.named.equation, fitted)
+
+    def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
+        """Parameters of an equation in a fit."""
+        found = {}
+        for symbol, each in parameters_of_equation(fitted, equation, self.spread(fitted)).items():
+            std = math.hypot(each["std"], self.loose() * each["value"]) if each["unit"].startswith("N") else each["std"]
+            found[symbol] = number(each["value"], std, each["unit"])
+        return found
+
+    def beside_lag(self, step: Step) -> dict[str, Any]:
+        """What the strengths would be, were one channel free to lag: a lag and a damper can stand in for each other."""
+        loose = self.lagging()
+        return {"lag": number(*self.lag_of(loose), "s"), **self.strengths(step, loose)}
+
+    def lagging(self) -> Fitted:
+        """The final fit with a lag of the left side behind the motion of which nothing is believed."""
+        terms = tuple(e.freed("timing") if e.name == "timing" else e for e in self.final.hypothesis.terms)
+        return self.refitted(replace(self.final.hypothesis, terms=terms), self.final.fit.shared)
+
+    def lag_of(self, fitted: Fitted) -> tuple[float, float]:
+        """s, the lag of a fit, and its standard deviation."""
+        i = [each.name for each in fitted.hypothesis.unknowns].index("timing")
+        return float(fitted.values[i]), float(self.spread(fitted)[i])
+
+    def rejected(self) -> list[dict[str, Any]]:
+        """What was considered, and why it is not the answer."""
+        there = set(self.mechanisms())
+        listed = [each for each in rejected(self.every, self.tested) if each["mechanism"] not in there]
+        listed = list({each["mechanism"]: each for each in reversed(listed)}.values())[::-1]
+        if "channel-delay" not in there and not any(each["mechanism"] == "channel-delay" for each in listed):
+            listed.append({"mechanism": "channel-delay", "why": "no more than sampling does"})
+        value, std = self.lag_of(self.lagging())
+        side = "force" if self.bodies[0].force is not None else "acceleration"
+        way = "behind" if value > 0.0 else "ahead of"
+        for each in listed:
+            if each["mechanism"] == "channel-delay":
+                lag = f"the {side} would be {1e3 * abs(value):.3f} +- {1e3 * std:.3f} ms {way} the motion"
+                each["why"] += f"; let loose, {lag}"
+        return listed
+
+    # --- how well it fits
+
+    def block_of(self, body: Body, fitted: Fitted) -> ForceBalance:
+        """A whole recording under a model."""
+        data = Stretch(body, body.name, body.keep, self.plain.blocks[0].data.mass)
+        return ForceBalance(data, fitted.hypothesis, JOINED, fitted.noise[0])
+
+    def left_of(self, body: Body, fitted: Fitted) -> Floats:
+        """(n,) N, of the rows of a recording."""
+        return self.block_of(body, fitted).left(fitted.values)
+
+    def over(self, bodies: Sequence[Body]) -> dict[str, Any]:
+        """N, root mean square of what is left in these recordings before and after, and of the force itself."""
+
+        def root(fitted: Fitted) -> float:
+            return float(np.sqrt(np.mean(np.concatenate([self.left_of(b, fitted)[b.keep] ** 2 for b in bodies]))))
+
+        sides = np.concatenate([self.block_of(body, self.final).data.measured[body.keep] for body in bodies])
+        return {
+            "recordings": [body.name for body in bodies],
+            "before": root(self.believed),
+            "after": root(self.final),
+            "force": float(np.std(sides)),
+        }
+
+    def fit(self) -> dict[str, Any]:
+        """How well it fits."""
+        fitted, held = ([body for body in self.bodies if body.held is which] for which in (False, True))
+        left_out = {
+            **self.over(fitted),
+            "before": rms(self.believed, left_out_in_turn(self.believed)),
+            "after": rms(self.final, left_out_in_turn(self.final)),
+            "how": "each recording, or part of one where there are few, by a fit to the others",
+        }
+        held_out = left_out
+        if held:
+            each = {body.name: self.over([body]) for body in held}
+            held_out = {**self.over(held), "how": "recordings that took no part in the fit", "each": each}
+        return {
+            "unit": "N, root mean square of what is left of the force balance",
+            "noise_floor": self.final.noise[0].size(),
+            "fitted": self.over(fitted),
+            "left_out": left_out,
+            "held_out": held_out,
+        }
+
+    def held_remarks(self) -> list[str]:
+        """What recordings held out have that those fitted have not shown: a disturbance with a period of its own."""
+        found = []
+        for body in self.bodies:
+            tone = line(body, self.left_of(body, self.final)) if body.held else None
+            if tone is not None:
+                found.append(
+                    f"{body.name}, held out: a part of what is left there comes {tone[0]:.3g} times a second, "
+                    f"{100 * tone[1]:.0f} % of its power in that line: a force that is neither measured nor of the law."
+                )
+        return found
+
+    def wave(self, body: Body) -> Wave:
+        """What a picture needs of a recording."""
+        block = self.block_of(body, self.final)
+        forced = body.force is not None
+        channel, unit, scale = ("force", "N", 1.0) if forced else ("acceleration", "m/s^2", -1.0 / block.data.mass)
+        measured = block.data.measured
+        lefts = (0.0, self.left_of(body, self.believed), self.left_of(body, self.final))
+        sides = [scale * (measured - each) for each in lefts]
+        motion = (Trace("velocity", "m/s", body.velocity), Trace("position", "m", body.position))
+        return Wave(body.name, body.held, body.time, (Trace(channel, unit, *sides), *motion))
+
+    # --- all of it
+
+    def outcome(self) -> BodyOutcome:
+        """The record, the model and the waves."""
+        verdict, cells = self.verdict(), self.cells()
+        explained = verdict != "unexplained"
+        found, constants = self.findings() if explained else [], self.constants()
+        record = {
+            "verdict": verdict,
+            "where": self.where(verdict, cells),
+            "findings": found,
+            "parameters": self.parameters() if explained else {},
+            "bookkeeping": [],
+            "explained": self.explained(),
+            "fit": self.fit(),
+            "rejected": self.rejected(),
+            "next": [],
+            "quality": [str(each) for each in self.faults],
+            "constants": constants,
+            "rest": self.rest(),
+            "remarks": [*self.remarks, *self.held_remarks()],
+            "cells": cells,
+        }
+        model = {
+            "format": "drillenv-model/1",
+            "rig": "one-body",
+            "constants": {name: each["value"] for name, each in constants.items()} if explained else {},
+            "effects": [effect for each in found for effect in effects_of(each)],
+        }
+        return BodyOutcome(record, model, tuple(self.wave(body) for body in self.bodies))
+
+
+def effects_of(finding: dict[str, Any]) -> list[dict[str, Any]]:
+    """A finding as effects of a model file: by its equation, or by its curve."""
+    if finding["form"] != "measured":
+        values = {symbol: part["value"] for symbol, part in finding["parameters"].items()}
+        return [{"name": finding["mechanism"], "parameters": values}]
+    law = finding.get("law")
+    if law is None:
+        return []
+    curve = {"argument_unit": law["argument_unit"], "unit": law["unit"], "x": law["x"], "y": law["y"]}
+    return [{"name": f"tabulated {law['argument']}", "parameters": curve}]
+
+
+def is_of_speed(*steps: Step) -> bool:
+    """Whether the laws of steps are all over the speed."""
+    return all(step.family.group in ("friction", "damper") for step in steps)
+
+
+def law_at(term: Term, own: Floats, place: int, x: Floats, axes: Axes, stiffness: float) -> Floats:
+    """(n,) N that a term says at arguments x (n,) of a place."""
+    if isinstance(term, Curve):
+        return np.array([look(own @ term.basis, axes, term.place, x)])[0]
+    if isinstance(term, Gain):
+        # forces are those of the law times one and this: of the applied one that is so much less
+        return -own[0] / (1.0 + own[0]) * x
+    if not isinstance(term, Equation):
+        return np.zeros_like(x)
+    act = REGISTRY[term.effect].on_body
+    assert act is not None
+    none = np.zeros_like(x)
+    state = {SPRING: (x, none, none), DRIVE: (none, none, x)}.get(place, (none, x, none))
+    turn = 1.0 if place == DRIVE else -1.0
+    return turn * act(*state, stiffness, term.parameters(own))
+
+
+def left_out_in_turn(fitted: Fitted) -> list[Floats]:
+    """Shared parameters of a fit without each block, by one step of Newton's method.
+
+    The others' gradient is followed by the Hessian of all: of a direction that the one left out alone says much of, the
+    others say nothing that could be held against it.
+    """
+    hessian = regular(fitted.fit.hessian)
+    return [fitted.fit.shared + np.linalg.solve(hessian, part.by_shared) for part in fitted.fit.parts]
+
+
+def rms(fitted: Fitted, shared: Sequence[Floats] | None = None) -> float:
+    """N, root mean square of what is left of rows that are judged, by parameters of each block or those of the fit."""
+    every = shared or [fitted.fit.shared] * len(fitted.blocks)
+    left = [block.left(x * block.widths)[block.data.keep] for block, x in zip(fitted.blocks, every, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+
+
+def number(value: float, std: float, unit: str) -> dict[str, Any]:
+    """A number as a report gives it."""
+    std = float(std)
+    return {"value": value, "std": std, "unit": unit, "interval": [value - BAND * std, value + BAND * std]}
+
+
+def line(body: Body, left: Floats) -> tuple[float, float] | None:
+    """Hz and share of the power of a frequency that stands far out of what is left of a recording, if one does.
+
+    One at which the body mostly moves is not meant: whatever depends on the motion has it.
+    """
+    signal = np.where(body.keep, left, 0.0)
+    tone = strongest_line(signal, body.rate / body.every)
+    if tone is None or tone[1] < LINE:
+        return None
+    for motion in (body.velocity, np.abs(body.velocity) - np.abs(body.velocity).mean()):
+        power = np.abs(np.fft.rfft(motion * np.hanning(motion.size))) ** 2
+        if power[tone[2] - 1 : tone[2] + 2].sum() > MOVES * power[1:].sum():
+            return None
+    return tone[:2]
