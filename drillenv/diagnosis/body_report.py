@@ -374,6 +374,8 @@ class BodyReport:
             # constants are those beside what holds
             rest, start = without(self.final, step.terms)
             self.final = self.refitted(rest, start)
+        if self.minor:
+            self.evidence |= {id(step): self.weigh(step) for step in self.steps}
         constants = self.plain.hypothesis.terms[0]
         tight = tuple(e._replace(std=1e-4 * e.std) if math.isfinite(e.std) else e for e in constants.unknowns)
         hypothesis = self.plain.hypothesis
@@ -542,6 +544,7 @@ class BodyReport:
             effects = [REGISTRY[name] for name in self.mechanisms()]
             balance = "sensor" if effects[0].balances == ("sensor",) else "body"
             text = " ".join(effect.body_sentence or effect.sentence for effect in effects)
+            text += f" {accounted(self.explained())}"
             text += f" {self.rest()['summary']}" if self.left_share() > LEFT else ""
         elif verdict == "parameters":
             text = "Constants that are off by several of their tolerances explain it."
@@ -618,14 +621,18 @@ class BodyReport:
         return entry
 
     def law(self, terms: Sequence[Term]) -> dict[str, Any]:
-        """Laws over the same argument as one, with a 95 % band."""
+        """Laws over the same argument as one, with a 95 % band.
+
+        Of constants that nobody states, what is straight in a law is beyond what they are said to be.
+        """
         final, axes = self.final, self.final.hypothesis.axes
         place = next(each.place for each in terms if isinstance(each, Curve))
         ends = axes.points(place)[[0, -1]]
         x = np.linspace(float(ends[0]), float(ends[1]), POINTS)
-        inside = indices_of(final, terms)
+        straight = self.unstated(place, x)
+        inside = indices_of(final, terms) + list(straight)
         widths = np.array([final.hypothesis.unknowns[i].width for i in inside])
-        stiffness = final.blocks[0].stiffness(final.values)
+        stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating().values
         names = {each.name for each in terms}
         terms = [each for each in final.hypothesis.terms if each.name in names]
 
@@ -635,6 +642,8 @@ class BodyReport:
                 own = (scaled * widths)[first : first + len(term.unknowns)]
                 total = total + law_at(term, own, place, x, axes, stiffness)
                 first += own.size
+            for (i, shape), value in zip(straight.items(), (scaled * widths)[first:], strict=True):
+                total = total + (value - beyond[i]) * shape
             return total
 
         at = final.fit.shared[inside]
@@ -651,6 +660,13 @@ class BodyReport:
             "low": (y - BAND * spread).tolist(),
             "high": (y + BAND * spread).tolist(),
         }
+
+    def unstated(self, place: int, x: Floats) -> dict[int, Floats]:
+        """Constants that nobody states, by place among the parameters, with their forces (n,) over an argument."""
+        straight = {"offset": np.ones_like(x)}
+        straight |= {SPRING: {"stiffness": x}, DAMPER: {"damping": x}, GUIDE: {"damping": x}}.get(place, {})
+        constants = self.plain.hypothesis.terms[0].unknowns
+        return {i: straight[e.name] for i, e in enumerate(constants) if math.isinf(e.std) and e.name in straight}
 
     def nearest(self, step: Step) -> dict[str, Any]:
         """Parameters of the equation that comes nearest to a measured law, where it explains nearly all of it."""
@@ -817,6 +833,13 @@ class BodyReport:
             "effects": [effect for each in found for effect in effects_of(each)],
         }
         return BodyOutcome(record, model, tuple(self.wave(body) for body in self.bodies))
+
+
+def accounted(explained: dict[str, Any]) -> str:
+    """How much of the mismatch was explained, in a sentence."""
+    low, high = (100.0 * each for each in explained["interval"])
+    share = f"{100.0 * explained['share']:.3g} % of the mismatch on rows left out of the fit"
+    return f"This accounts for {share} (95 % interval {low:.3g} to {high:.3g} %)."
 
 
 def effects_of(finding: dict[str, Any]) -> list[dict[str, Any]]:

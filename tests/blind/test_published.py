@@ -65,6 +65,21 @@ def test_earlier_trials_are_told_as_they_were(folder):
     assert f"| {total['no_answer']['hits']} |" in row
 
 
+@pytest.mark.parametrize("folder", sorted((TRIAL / "one-body").iterdir()), ids=lambda each: each.name)
+def test_trials_of_single_bodies_are_told_as_they_were(folder):
+    record = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+    page = (TRIAL / "README.md").read_text(encoding="utf-8")
+    assert record["rig"] == "one-body" and f"Seed {folder.name}" in page
+    assert (
+        digest((folder / "answers.json").read_bytes()) == record["answers_sha256"] and record["answers_sha256"] in page
+    )
+    total = json.loads(json.dumps(marking.summary(record["marks"])))
+    assert total == record["summary"]
+    for name, group in total["groups"].items():
+        right, named = group["right"], group["named"]
+        assert f"| {name} | {right['of']} | {right['hits']} | {named['hits']} | {group['seconds_median']:.0f} |" in page
+
+
 @pytest.mark.slow
 def test_the_seed_gives_these_campaigns(record, answers):
     """Another processor may round the last digit otherwise, so samples are compared by what is missing in them."""
