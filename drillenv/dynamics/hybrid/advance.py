@@ -237,7 +237,8 @@ def try_step(m: np.ndarray, d: np.ndarray, left: float, rtol: float, scratch: np
         h = min(d[TRUST + regime], most)
         step(m, d, h, scratch)
         error = step_error(m, h, rtol, scratch)
-        factor = 0.2 if not error < 1e10 else min(6.0, max(0.2, 0.9 * max(error, 1e-10) ** -0.125))
+        factor = 0.9 / math.sqrt(math.sqrt(math.sqrt(max(error, 1e-10)))) if error < 1e10 else 0.2
+        factor = min(6.0, max(0.2, factor))
         if error <= 1.0:
             if h == d[TRUST + regime] or factor < 1.0:
                 d[TRUST + regime] = min(h * factor, m[LONGEST])

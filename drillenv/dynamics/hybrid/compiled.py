@@ -19,10 +19,13 @@ INNER = {
     "error_model": "numpy",
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
+    "_nrt": False,  # else it counts references to every array and row that it is handed
     "forceinline": False,  # else it is handed down from the function that happened to call first
 }
 """How a kernel that only other kernels call is compiled: what would let Python call it takes longer than the kernel. Do
 not call one from Python: there is nothing there to call, and the process ends."""
+ALLOCATING = {**INNER, "_nrt": True}
+"""The same for one that makes arrays."""
 INLINED = {**INNER, "forceinline": True}
 """The same for what a kernel calls all the time."""
 MERGED = {**INNER, "inline": "always"}

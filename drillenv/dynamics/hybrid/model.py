@@ -202,6 +202,11 @@ def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> 
     # a mount and the air stand behind the rig's own states: without them those do not move
     moving = V.OWN if s[V.MOUNT_SQUARE] or s[V.AIR_RATE] or terms.sizes else V.U
     s[V.MOVING] = max(moving, len(sizes) if terms.sizes else 0)
+    at = [law.place for law in laws]
+    s[V.BUSY] = (
+        len(terms.rows) > 0 or np.max(s[V.BY_MOUNT : V.BY_GRIP1]) >= 0.0 or max(at, default=0) > places.COMPACTION
+    )
+    s[V.BUSY_ON_ROCK] = s[V.BUSY] or places.RATE_FACTOR in at or places.RATE_FORCE in at
     room = np.zeros((V.MOST_LAWS, V.LAW_COLUMNS))
     room[: len(laws)] = table
     front = [s, room.ravel(), pieces.ravel()]
@@ -247,7 +252,7 @@ def _flat_laws(laws: Sequence[Placed]) -> tuple[np.ndarray, np.ndarray, np.ndarr
     for place, over, table, index in laws:
         at = 1 + np.flatnonzero(table.corners)
         rows.append((place, first, len(table.pieces), first_corner, at.size, index, over, first))
-        pieces.append(np.column_stack([table.knots[:-1], 0.5 * np.diff(table.knots), table.pieces]))
+        pieces.append(np.column_stack([table.knots[:-1], 2.0 / np.diff(table.knots), table.pieces]))
         corners.append(np.column_stack([table.knots[at], at]))
         first, first_corner = first + len(table.pieces), first_corner + at.size
     flat = np.array(rows, dtype=np.int64).reshape(-1, V.LAW_COLUMNS)

@@ -14,7 +14,7 @@ from drillenv.dynamics.borrow import borrowed
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON, advance, prepare, read_state
-from drillenv.dynamics.hybrid.compiled import INNER, NO, apart, constants
+from drillenv.dynamics.hybrid.compiled import ALLOCATING, INNER, NO, apart, constants
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Start, extra_places, model_for, motion_at, start_at
 from drillenv.dynamics.hybrid.runge_kutta import (
@@ -154,7 +154,7 @@ SWITCH_COLUMNS = 3
 """Time, regime before, regime after."""
 
 
-@njit(**INNER)
+@njit(**ALLOCATING)
 def longer(table: np.ndarray) -> np.ndarray:
     """The same rows in twice the room."""
     result = np.zeros((2 * table.shape[0], table.shape[1]))

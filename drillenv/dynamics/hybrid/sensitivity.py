@@ -72,7 +72,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     FIRST,
     GRIP1,
     GRIP2,
-    HALF,
     KL,
     KU,
     LAST_PIECE,
@@ -95,6 +94,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     ROTATION_PHASE,
     ROTATION_RATE,
     ROTATION_SHARE,
+    SCALE,
     SIZE,
     SIZES_AT,
     SLIDE1,
@@ -261,7 +261,7 @@ def look_closely(m: np.ndarray, d: np.ndarray, law: int, x: float, at: np.ndarra
     piece = law_at(m, law, LAST_PIECE)
     begin = PIECES_AT + piece * PIECE_COLUMNS
     at[law, AT_PIECE] = piece - law_at(m, law, FIRST)
-    at[law, AT_T] = (x - m[begin + LEFT]) / m[begin + HALF] - 1.0
+    at[law, AT_T] = (x - m[begin + LEFT]) * m[begin + SCALE] - 1.0
     return value, slope
 
 

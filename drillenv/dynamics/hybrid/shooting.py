@@ -17,7 +17,7 @@ from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, SWITCHES_TOO_DENSE, WENT_ON, advance, prepare
-from drillenv.dynamics.hybrid.compiled import INNER, NO, YES, apart
+from drillenv.dynamics.hybrid.compiled import ALLOCATING, INNER, NO, YES, apart
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Model
 from drillenv.dynamics.hybrid.runge_kutta import (
@@ -157,7 +157,7 @@ def begin_window(m, d, z, windows, window: int, made: float, columns, work, scra
     begin_factor(m, d, columns, work)
 
 
-@njit(**INNER)
+@njit(**ALLOCATING)
 def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, at, said, scratch):
     """Write the signals of samples first to last, which lie in the step just taken, of which s is the motion's.
 
@@ -193,7 +193,7 @@ def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, 
             row[k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
 
 
-@njit(**INNER)
+@njit(**ALLOCATING)
 def read_slopes(m, s: float, first: int, last: int, begun: float, rate: float, at, columns, work, by_column):
     """The same of the derivatives by the columns, from the points that they were found at."""
     apart()

@@ -38,6 +38,7 @@ from drillenv.dynamics.constitutive.tables import DEGREE
 from drillenv.dynamics.effects import ON_INDENTER, ON_ROCK, ON_SHAKER, Moment
 from drillenv.dynamics.flow import FREE, sine_cosine
 from drillenv.dynamics.flow import LOADING as ON_LOADING
+from drillenv.dynamics.fused import fma
 from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, call_term, constants
 
 TURN = 2.0 * math.pi
@@ -104,11 +105,11 @@ LONGEST = GRIP2 + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
 # scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
-# peak before a turn, and whether it would pull
+# peak before a turn, whether it would pull, and whether forces act beyond those of the plain rig, in flight and on rock
 LAWS, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 7)
 BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2 = range(SIZES_AT + 1, SIZES_AT + 7)
-TALLY, MOVING, EFFECTS, RATED, PULLS = range(BY_GRIP2 + 1, BY_GRIP2 + 6)
-SIZE = PULLS + 1
+TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_GRIP2 + 1, BY_GRIP2 + 8)
+SIZE = BUSY_ON_ROCK + 1
 MOST_LAWS = 64
 """Room for laws; their table begins at SIZE, that of their pieces behind it."""
 
@@ -117,8 +118,8 @@ MOST_LAWS = 64
 PLACE, FIRST, PIECES, FIRST_CORNER, CORNER_COUNT, EFFECT, OVER_KIND, LAST_PIECE = constants(*range(8))
 LAW_COLUMNS = 8
 PIECES_AT = SIZE + MOST_LAWS * LAW_COLUMNS
-LEFT, HALF, COEFFICIENTS = 0, 1, 2
-"""Columns of a piece: where it begins, half of its width, and its coefficients."""
+LEFT, SCALE, COEFFICIENTS = 0, 1, 2
+"""Columns of a piece: where it begins, one over half of its width, and its coefficients."""
 PIECE_COLUMNS = COEFFICIENTS + DEGREE + 1
 WHERE, PIECE, CORNER_COLUMNS = constants(*range(3))
 """Columns of a corner: where, and the piece that begins there."""
@@ -213,28 +214,27 @@ def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
     """Value and slope of a law at x, in the part between corners that the discrete state says; beyond it straight."""
     apart()
     at = piece_of(m, d, law, x)
-    half = m[at + HALF]
-    t = (x - m[at + LEFT]) / half - 1.0
+    scale = m[at + SCALE]
+    t = (x - m[at + LEFT]) * scale - 1.0
     inside = min(max(t, -1.0), 1.0)
     value, slope = 0.0, 0.0
     for power in range(at + COEFFICIENTS + DEGREE, at + COEFFICIENTS - 1, -1):
         slope = value + inside * slope
         value = m[power] + inside * value
-    return value + (t - inside) * slope, slope / half
+    return value + (t - inside) * slope, slope * scale
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def value_at(m: np.ndarray, d: np.ndarray, law: int, x: float) -> float:
     """The value alone."""
     at = piece_of(m, d, law, x)
-    t = (x - m[at + LEFT]) / m[at + HALF] - 1.0
+    t = fma(x - m[at + LEFT], m[at + SCALE], -1.0)
     if abs(t) > 1.0:
         return look(m, d, law, x)[0]
-    c = at + COEFFICIENTS
-    square = t * t
-    even = m[c] + square * (m[c + 2] + square * (m[c + 4] + square * m[c + 6]))
-    odd = m[c + 1] + square * (m[c + 3] + square * (m[c + 5] + square * m[c + 7]))
-    return even + t * odd
+    c, square = at + COEFFICIENTS, t * t
+    low = fma(square, fma(t, m[c + 3], m[c + 2]), fma(t, m[c + 1], m[c]))
+    high = fma(square, fma(t, m[c + 7], m[c + 6]), fma(t, m[c + 5], m[c + 4]))
+    return fma(square * square, high, low)
 
 
 @njit(**INLINED)
@@ -308,7 +308,7 @@ def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float
         low = corner_at(m, law_at(m, law, FIRST_CORNER) + below - 1, WHERE) if below > 0 else 0.0
         return theta - TURN * math.floor((theta - low) / TURN)
     if place == DRIVE:
-        return m[F_A] * math.sin(theta)
+        return m[F_A] * sine_cosine(theta)[0]
     if place == MOUNT_SPRING:
         return z[U]
     return z[UD]
@@ -352,22 +352,11 @@ def argument_size(m: np.ndarray, d: np.ndarray, law: int) -> float:
     return m[sizes + U] if place == MOUNT_SPRING else m[sizes + V2]
 
 
-@njit(**INNER)
-def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
-    """Write the time derivative of the state z, ``shift`` s after the discrete state d, to dz; return the rock's force.
-
-    The forces on both masses without dry friction, which it must hold where they stick, are left in ``push``.
-    """
-    apart()
-    s, tally = m, int(m[TALLY])
-    v1, v2, regime = z[V1], z[V2], int(d[REGIME])
-    closing, into, theta = v1 - v2, v2 - z[UD], d[THETA] + s[OMEGA] * shift
-    given = tally + BY_EFFECTS
-    for i in range(int(m[EFFECTS])):
-        dz[given + i] = 0.0
-    law = law_force(m, d, regime, z[W])
-    sine = sine_cosine(theta)[0]
-    drive, spring, damper = s[F_A] * sine, s[K] * z[Y], s[C] * closing
+@njit(**INLINED)
+def extra_forces(m, d, regime: int, shift: float, theta: float, law: float, drive: float, z, dz, push):
+    """The rock's force in N, and what acts on shaker, indenter and mount beyond the plain rig; energies to dz."""
+    v1, v2, given = z[V1], z[V2], int(m[TALLY]) + BY_EFFECTS
+    closing, into = v1 - v2, v2 - z[UD]
     on_shaker, on_indenter, added, on_mount = 0.0, 0.0, 0.0, 0.0
     for i in range(int(m[LAWS])):
         place = law_at(m, i, PLACE)
@@ -387,7 +376,7 @@ def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
             on_shaker -= value
             dz[power] -= value * v1
         elif place <= DRIVE:
-            value *= -1.0 if place == INDENTER else (s[F_A] if place == WAVEFORM else 1.0)
+            value *= -1.0 if place == INDENTER else (m[F_A] if place == WAVEFORM else 1.0)
             on_indenter += value
             dz[power] += value * v2
         else:
@@ -396,8 +385,8 @@ def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
         for i in range(int(m[TERMS])):
             push[0], push[1], push[2] = 0.0, 0.0, 0.0
             now = Moment(
-                d[TIME] + shift, theta, s[OMEGA], z[Y], closing, v1, v2, z[W], into, z[U], law, regime, s[F_A], s[F_B],
-                s[M1], s[M2], s[K], s[C], s[KL], s[KU],
+                d[TIME] + shift, theta, m[OMEGA], z[Y], closing, v1, v2, z[W], into, z[U], law, regime, m[F_A], m[F_B],
+                m[M1], m[M2], m[K], m[C], m[KL], m[KU],
             )  # fmt: skip
             call_term(
                 term_at(m, i, ADDRESS),
@@ -427,32 +416,59 @@ def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
         for i in range(int(m[TERMS])):
             dz[given + term_at(m, i, TERM_EFFECT)] += (1.0 - share) * push[ON_ROCKS + i] * into
     if int(m[BY_LAG]) >= 0:
-        ratio = s[DRIVE_LAG] * s[OMEGA] / TURN
+        ratio = m[DRIVE_LAG] * m[OMEGA] / TURN
         lost = drive * (1.0 / math.sqrt(1.0 + ratio * ratio) - 1.0)
         on_indenter += lost
         dz[given + int(m[BY_LAG])] += lost * v2
     if int(m[BY_VIBRATION]) >= 0:
-        turned = d[VIBRATION] + s[VIBRATION_RATE] * shift + s[VIBRATION_PHASE]
-        push1 = s[SHAKER_VIBRATION] * math.sin(turned)
-        turned += s[VIBRATION_DETUNING] * (d[TIME] + shift) + s[VIBRATION_LEAD]
-        push2 = s[INDENTER_VIBRATION] * math.sin(turned)
+        turned = d[VIBRATION] + m[VIBRATION_RATE] * shift + m[VIBRATION_PHASE]
+        push1 = m[SHAKER_VIBRATION] * sine_cosine(turned)[0]
+        turned += m[VIBRATION_DETUNING] * (d[TIME] + shift) + m[VIBRATION_LEAD]
+        push2 = m[INDENTER_VIBRATION] * sine_cosine(turned)[0]
         on_shaker += push1
         on_indenter += push2
         dz[given + int(m[BY_VIBRATION])] += push1 * v1 + push2 * v2
     if int(m[BY_AIR]) >= 0:
         on_shaker -= z[Q]
         dz[given + int(m[BY_AIR])] -= z[Q] * v1
-    dz[Q] = s[AIR_STIFFNESS] * v1 - s[AIR_RATE] * z[Q]
-    dz[U] = z[UD]
-    dz[UD] = s[MOUNT_GAIN] * rock - s[MOUNT_SQUARE] * z[U] - s[MOUNT_DAMPING] * z[UD] - on_mount
     if int(m[BY_MOUNT]) >= 0:
         dz[given + int(m[BY_MOUNT])] -= rock * z[UD]
-    dz[Y], dz[W] = closing, into
-    push[PUSHED] = s[F_B] - spring - damper + on_shaker
+    return rock, on_shaker, on_indenter, on_mount
+
+
+@njit(**INNER)
+def rates(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
+    """Write the time derivative of the state z, ``shift`` s after the discrete state d, to dz; return the rock's force.
+
+    The forces on both masses without dry friction, which it must hold where they stick, are left in ``push``.
+    """
+    apart()
+    return field(m, d, shift, z, dz, push)
+
+
+@njit(**INLINED)
+def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, push: np.ndarray) -> float:
+    """What :func:`rates` does, inlined."""
+    tally, regime = int(m[TALLY]), int(d[REGIME])
+    v1, v2, ud = z[V1], z[V2], z[UD]
+    closing, into, theta = v1 - v2, v2 - ud, d[THETA] + m[OMEGA] * shift
+    for i in range(int(m[EFFECTS])):
+        dz[tally + BY_EFFECTS + i] = 0.0
+    law = law_force(m, d, regime, z[W])
+    drive, spring, damper = m[F_A] * sine_cosine(theta)[0], m[K] * z[Y], m[C] * closing
+    rock, on_shaker, on_indenter, on_mount, push[WHOLE] = law, 0.0, 0.0, 0.0, law
+    if m[BUSY if regime == FREE else BUSY_ON_ROCK] > 0.0:
+        rock, on_shaker, on_indenter, on_mount = extra_forces(m, d, regime, shift, theta, law, drive, z, dz, push)
+    push[PUSHED] = m[F_B] - spring - damper + on_shaker
     push[PUSHED + 1] = drive + spring + damper - rock + on_indenter
-    dz[V1], dz[V2] = push[PUSHED] / s[M1], push[PUSHED + 1] / s[M2]
+    dz[Y], dz[W], dz[U], dz[UD], dz[Q] = closing, into, ud, 0.0, 0.0
+    # by a product, since a quotient has to be waited for
+    dz[V1], dz[V2] = push[PUSHED] * (1.0 / m[M1]), push[PUSHED + 1] * (1.0 / m[M2])
+    if m[MOVING] > U:
+        dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * z[U] - m[MOUNT_DAMPING] * ud - on_mount
+        dz[Q] = m[AIR_STIFFNESS] * v1 - m[AIR_RATE] * z[Q]
     rub(m, d, z, dz)
-    dz[tally + BY_DRIVE], dz[tally + BY_STATIC] = drive * v2, s[F_B] * v1
+    dz[tally + BY_DRIVE], dz[tally + BY_STATIC] = drive * v2, m[F_B] * v1
     dz[tally + IN_DAMPER], dz[tally + IN_ROCK] = damper * closing, law * into
     return rock
 
