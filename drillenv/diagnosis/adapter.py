@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
-from drillenv.diagnosis.solver import Block, Floats
+import numpy as np
+
+from drillenv.diagnosis.solver import Block, Floats, Quadratic
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.fitting import Fitted
@@ -54,6 +57,58 @@ class RecordingProblem(Block, Protocol):
     def chained(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns with which windows go on from each other."""
         ...
+
+
+class Regression:
+    """A recording without unknowns of its own: whitened residuals and their derivatives say all."""
+
+    hypothesis: Hypothesis
+
+    def residual(self, values: Floats) -> Floats:
+        """(n,) measured less predicted in standard deviations of the noise, from parameters in their units."""
+        raise NotImplementedError
+
+    def jacobian(self, values: Floats) -> Floats:
+        """(parameters, n) of what is predicted, likewise."""
+        raise NotImplementedError
+
+    @property
+    def widths(self) -> Floats:
+        """(parameters,) units of the solver."""
+        return np.array([each.width for each in self.hypothesis.unknowns])
+
+    def cost(self, shared: Floats, own: Floats) -> float:
+        """Negative log-likelihood."""
+        return 0.5 * float(np.sum(self.residual(shared * self.widths) ** 2))
+
+    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
+        """The same with its derivatives."""
+        values, none = shared * self.widths, np.zeros(0)
+        residual, by = self.residual(values), self.jacobian(values) * self.widths[:, None]
+        cross = np.zeros((0, shared.size))
+        return Quadratic(
+            0.5 * float(residual @ residual), none, -by @ residual, np.zeros((0, 0)), cross, by @ by.T, none
+        )
+
+    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+        """The cost after a step."""
+        return self.cost(shared, own), own
+
+    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[Self, Floats]:
+        """The same under another hypothesis."""
+        return replace(self, hypothesis=hypothesis), own  # type: ignore[type-var]
+
+    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+        """There is nothing to settle."""
+        return own
+
+    def restarted(self, shared: Floats, own: Floats) -> Floats:
+        """There is nothing to begin anew."""
+        return own
+
+    def chained(self, shared: Floats, own: Floats) -> Floats:
+        """There is nothing to chain."""
+        return own
 
 
 class Rival(NamedTuple):

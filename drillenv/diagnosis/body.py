@@ -10,16 +10,17 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from drillenv.diagnosis.adapter import Regression
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.solver import Floats, Quadratic
+from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, look
 from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.dynamics.constitutive.places import DRIVE, GUIDE, SPRING
@@ -198,7 +199,7 @@ def equation_force(effect: str, p: tuple[float, ...], body: Body, stiffness: flo
 
 
 @dataclass
-class ForceBalance:
+class ForceBalance(Regression):
     """A stretch of a recording as a block of the solver. It has no unknowns of its own."""
 
     data: Stretch
@@ -207,7 +208,6 @@ class ForceBalance:
     noise: Autoregression
 
     def __post_init__(self) -> None:
-        self.widths = np.array([each.width for each in self.hypothesis.unknowns])
         self.judged = self.noise.judged(self.data.keep)
 
     @property
@@ -248,10 +248,6 @@ class ForceBalance:
         """(judged,) the same as the noise model weighs it."""
         return self.noise.whiten(self.left(values))[self.judged]
 
-    def cost(self, shared: Floats, own: Floats) -> float:
-        """Negative log-likelihood."""
-        return 0.5 * float(np.sum(self.residual(shared * self.widths) ** 2))
-
     def derivatives(self, values: Floats) -> Floats:
         """(parameters, n) N, of what is predicted."""
         stiffness, first = self.stiffness(values), 0
@@ -275,32 +271,6 @@ class ForceBalance:
             first += own.size
         return made
 
-    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
-        """The same with its derivatives."""
-        values, none = shared * self.widths, np.zeros(0)
-        residual = self.residual(values)
-        by = self.noise.whiten(self.derivatives(values))[:, self.judged] * self.widths[:, None]
-        cross = np.zeros((0, shared.size))
-        return Quadratic(
-            0.5 * float(residual @ residual), none, -by @ residual, np.zeros((0, 0)), cross, by @ by.T, none
-        )
-
-    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
-        """The cost after a step."""
-        return self.cost(shared, own), own
-
-    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[ForceBalance, Floats]:
-        """The same under another hypothesis."""
-        return replace(self, hypothesis=hypothesis), own
-
-    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
-        """There is nothing to settle."""
-        return own
-
-    def restarted(self, shared: Floats, own: Floats) -> Floats:
-        """There is nothing to begin anew."""
-        return own
-
-    def chained(self, shared: Floats, own: Floats) -> Floats:
-        """There is nothing to chain."""
-        return own
+    def jacobian(self, values: Floats) -> Floats:
+        """(parameters, judged) of what is predicted, as the noise model weighs it."""
+        return self.noise.whiten(self.derivatives(values))[:, self.judged]

@@ -1,71 +1,45 @@
-"""A campaign of a single body: from its recordings to the records of ``report.json`` and ``model.json``."""
+"""A finished search of a single body as the records of ``report.json`` and ``model.json``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from itertools import combinations
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.stats import t as student
 
-from drillenv.checks import InputError, shown
 from drillenv.diagnosis.body import (
     NUDGE,
-    Autoregression,
-    Bent,
     ForceBalance,
     Gain,
     Stretch,
-    autoregression,
-    columns_of,
 )
-from drillenv.diagnosis.body_channels import Body, prepare
-from drillenv.diagnosis.body_rig import UNITS, BodyRig, Scale, axes_of_bodies, gain_of_law, law_of_body, sampling
+from drillenv.diagnosis.body_channels import Body
+from drillenv.diagnosis.body_noise import line
+from drillenv.diagnosis.body_rig import UNITS
 from drillenv.diagnosis.findings import deviations, equivalents, form_of, parameters_of_equation, rejected
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import BAND, POINTS, band, indices_of
-from drillenv.diagnosis.naming import THOROUGH, Named, without
+from drillenv.diagnosis.naming import THOROUGH, without
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import Step, Tested, forward, regular
-from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.selection import Step, Tested, regular
+from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, look
 from drillenv.diagnosis.terms import Hypothesis, Term
-from drillenv.diagnosis.thresholds import LEFT, MATERIAL, SEVERAL, SURELY, WELL_EXPLAINED
+from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, SURELY, TINY, WELL_EXPLAINED
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign, QualityFinding
 
-FEWEST, PARTS = 3, 6
-"""Recordings below which each is judged in so many parts."""
-ROUNDS = 4
-"""Of the estimate of the noise and the richest model's fit."""
-RICHEST = (2, 1)
-"""Resolutions of free laws that the richest model may have."""
-PER_PARAMETER = 4.0
-"""Independent rows for each parameter of the richest model, at least."""
-NOISY = 0.5
-"""Noise over signal from which there is nothing to diagnose."""
-TINY = 2e-3
-"""Of the force, root mean square: what explains less is no physics that anybody misses."""
-SLIGHT = 0.01
-"""Of the force: what is left below that is not a mismatch that anybody asks about."""
 STRUCK = 1.3
 """Mean square over the noise from which a recording differs from the law."""
 DRAWS = 2000
 """Of recordings, for an interval."""
 SEED = 20_190_419
-MOST_LINES = 4
-SHORTEST, MOVES = 128, 0.05
-"""Rows of a recording in which a frequency is looked for, and the share of the power of the speed from which it is the
-motion's own."""
-LINE = 0.2
-"""Share of what is left that a line must have to be spoken of."""
 ARGUMENTS = {
     SPRING: ("position", "m"),
     DAMPER: ("velocity", "m/s"),
@@ -91,230 +65,6 @@ class BodyOutcome:
         return self.record["verdict"]
 
 
-def diagnose_body(
-    campaign: Campaign,
-    faults: Sequence[QualityFinding] = (),
-    note: Callable[[str], object] | None = None,
-) -> BodyOutcome:
-    """The verdict on a campaign of one body.
-
-    Args:
-        campaign: Of the rig one-body.
-        faults: Of the quality check; recordings, channels and stretches that they take out are not used.
-        note: Told what is being done.
-
-    Raises:
-        InputError: the campaign is of another rig, no recording can be used, or nothing says how large the mass is.
-    """
-    if campaign.rig != "one-body":
-        raise InputError(f"campaign {shown(campaign.title)} is of the rig {campaign.rig}: give one of one-body")
-    say = note or (lambda _text: None)
-    say("making the channels comparable")
-    bodies, remarks = prepare(campaign, faults)
-    entry, forced = campaign.nominal["mass"], bodies[0].force is not None
-    if not forced and entry.value is None:
-        raise InputError(
-            f"campaign {shown(campaign.title)}: no force is measured and the mass is not stated: give one of the two, "
-            "or the law is known to a factor only"
-        )
-    mass = entry.value or 1.0
-    stretches = stretches_of([body for body in bodies if not body.held], mass)
-    measured = np.concatenate([each.measured[each.keep] for each in stretches])
-    side = "force" if forced else "acceleration"
-    if not np.ptp(measured) > 0.0:
-        raise InputError(
-            f"campaign {shown(campaign.title)}: the {side} never changes: see that its sensor was connected"
-        )
-    begun = begin(campaign, stretches, mass)
-    if white_floor(stretches, begun) > NOISY * float(np.std(measured)):
-        raise InputError(
-            f"campaign {shown(campaign.title)}: the {side} hardly stands out of its noise: "
-            "see that its sensor was connected, or record larger motions"
-        )
-    with ThreadPoolExecutor(1) as pool:
-        own = [np.zeros(0)] * len(stretches)
-        plain = fit_to(stretches, begun, None, own, pool, JOINED, Limits(10, 0.5, 0.003))
-        say(f"reduced chi-square {plain.per_freedom:.3f}")
-        final, steps, tested = forward(stretches, plain, pool, say)
-        final = fit_to(stretches, final.hypothesis, final.fit.shared, own, pool, JOINED, Limits(30, 1e-3), final.noise)
-        final, steps = as_sums(final, as_one(steps), pool, say)
-        # both by one yardstick
-        plain = fit_to(stretches, plain.hypothesis, plain.fit.shared, own, pool, JOINED, THOROUGH, final.noise)
-        return BodyReport(campaign, bodies, tuple(remarks), tuple(faults), plain, final, steps, tested, pool).outcome()
-
-
-def as_one(steps: Sequence[Step]) -> list[Step]:
-    """Measured laws over the speed as one, under the name of that which explains most, and equations with them."""
-    speed = [step for step in steps if is_of_speed(step)]
-    if len(speed) < 2 or all(step.named.equation is not None for step in speed):
-        return list(steps)
-    most = max(speed, key=lambda step: step.gain)
-    terms = tuple(term for step in speed for term in step.terms)
-    named = replace(most.named, equation=None)
-    return [replace(most, terms=terms, named=named) if step is most else step
-            for step in steps if step is most or step not in speed]  # fmt: skip
-
-
-def as_sums(
-    fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Callable[[str], object]
-) -> tuple[Fitted, list[Step]]:
-    """A fit and its steps, measured laws that two of the library's equations together say as well in two."""
-    rig, found = cast("BodyRig", fitted.hypothesis.rig), []
-    data, own = [block.data for block in fitted.blocks], [np.zeros(0)] * len(fitted.blocks)
-    for step in steps:
-        places = {term.place for term in step.terms if isinstance(term, Curve)}
-        curved = bool(places) and step.named.equation is None
-        size = sum(len(term.unknowns) for term in step.terms)
-        rest, start = without(fitted, step.terms) if curved else (fitted.hypothesis, fitted.fit.shared)
-        best: tuple[Fitted, tuple[Equation, ...]] | None = None
-        for pair in combinations(rig.equations(places) if curved else (), 2):
-            if pair[0].effect == pair[1].effect or {each.name for each in pair} & {e.name for e in rest.terms}:
-                continue
-            begun = np.concatenate([start, *(np.array(e.form.starts[0]) / [u.width for u in e.unknowns] for e in pair)])
-            hypothesis = replace(rest, terms=(*rest.terms, *pair))
-            both = fit_to(data, hypothesis, begun, own, pool, JOINED, THOROUGH, fitted.noise)
-            fewer = size - sum(len(each.unknowns) for each in pair)
-            as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer)
-            if as_well and (best is None or both.cost < best[0].cost):
-                best = both, pair
-        if best is None:
-            found.append(step)
-            continue
-        fitted = best[0]
-        say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
-        for each in best[1]:
-            values = fitted.values_of(each.name)
-            named = Named(step.family, each.effect, each, [], (each, values))
-            found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted))
-    return fitted, found
-
-
-def stretches_of(bodies: Sequence[Body], mass: float) -> list[Stretch]:
-    """Recordings, or parts of them where they are few."""
-    if len(bodies) >= FEWEST:
-        return [Stretch(body, body.name, body.keep, mass) for body in bodies]
-    found = []
-    for body in bodies:
-        part = np.arange(body.keep.size) * PARTS // body.keep.size
-        found += [Stretch(body, f"{body.name}, part {i + 1}", body.keep & (part == i), mass) for i in range(PARTS)]
-    return found
-
-
-def begin(campaign: Campaign, stretches: Sequence[Stretch], mass: float) -> Hypothesis:
-    """The law that the lab believes in, of a rig with the noise that its richest model leaves."""
-    bodies = list({id(each.body): each.body for each in stretches}.values())
-
-    def most(name: str) -> float:
-        return max(float(np.percentile(np.abs(getattr(body, name)), 99.8)) for body in bodies)
-
-    force = float(np.percentile(np.abs(np.concatenate([each.measured[each.keep] for each in stretches])), 99.8))
-    scale = Scale(force, most("smooth_position"), most("smooth_velocity"))
-    law, stated = law_of_body(campaign, bodies[0].force is not None, mass, scale)
-    timing, axes = sampling(bodies[0].rate, mass), axes_of_bodies(bodies)
-    rig = BodyRig(stretches, Autoregression(np.zeros(0), 1.0), scale, axes, stated, gain_of_law(law))
-    noise = noise_of_richest(rig, (law, timing))
-    return Hypothesis((law, timing), axes, replace(rig, noise=noise))
-
-
-def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
-    """What a model with every family leaves, and the fit that is weighed by it, by turns.
-
-    D. Cochrane and G. H. Orcutt, Journal of the American Statistical Association 44 (1949) 32-61. Its laws are as fine
-    as there are rows enough for; lines that stand out of what is left are no noise.
-    """
-    stretches = rig.stretches
-    rows = rig.band * sum(int(each.keep.sum()) for each in stretches)
-    for detail in RICHEST:
-        families = [*rig.laws(None, rig.axes, detail), *rig.sensors(), *rig.outside()]
-        terms = [*law, *(term for each in families for term in each.terms if not isinstance(term, Bent))]
-        if rows > PER_PARAMETER * sum(len(each.unknowns) for each in terms):
-            break
-    else:
-        terms = list(law)
-    made = [np.concatenate([columns_of(term, each.body, rig.axes) for term in terms]) for each in stretches]
-    noise, waves = Autoregression(np.zeros(0), 1.0), np.zeros((0, 0))
-    lines: list[list[float]] = [[] for _ in stretches]
-    for turn in range(ROUNDS):
-        judged = [noise.judged(each.keep) for each in stretches]
-        x, y, first = [], [], 0
-        count = 2 * sum(map(len, lines))
-        own = [beside(each.body, frequencies) for each, frequencies in zip(stretches, lines, strict=True)]
-        for each, columns, waves, keep in zip(stretches, made, own, judged, strict=True):
-            wide = np.zeros((len(columns) + count, int(keep.sum())))
-            wide[: len(columns)] = noise.whiten(columns)[:, keep]
-            if len(waves):
-                wide[len(columns) + first :][: len(waves)] = noise.whiten(waves)[:, keep]
-            first += len(waves)
-            x.append(wide)
-            y.append(noise.whiten(each.measured)[keep])
-        table = np.concatenate(x, axis=1).T
-        sizes = np.linalg.norm(table, axis=0)
-        sizes = np.where(sizes > 0.0, sizes, 1.0)
-        found = np.linalg.lstsq(table / sizes, np.concatenate(y), rcond=1e-8)[0] / sizes
-        left, first = [], len(made[0])
-        for each, columns, waves in zip(stretches, made, own, strict=True):
-            left.append(each.measured - found[: len(columns)] @ columns - found[first : first + len(waves)] @ waves)
-            first += len(waves)
-        noise = autoregression(left, [each.keep for each in stretches], rig.band)
-        independent = noise.share * sum(int(noise.judged(each.keep).sum()) for each in stretches)
-        noise = noise._replace(std=noise.std / math.sqrt(max(1.0 - table.shape[1] / independent, 0.5)))
-        if turn == 0:
-            lines = [lines_in(each, rows) for each, rows in zip(stretches, left, strict=True)]
-    return noise
-
-
-def beside(body: Body, frequencies: Sequence[float]) -> Floats:
-    """(2 frequencies, n) sine and cosine of each in Hz."""
-    turned = 2.0 * math.pi * np.outer(np.asarray(frequencies, dtype=float), body.time)
-    return np.concatenate([np.sin(turned), np.cos(turned)])
-
-
-def lines_in(data: Stretch, left: Floats) -> list[float]:
-    """Hz of lines that stand far out of what is left of a stretch."""
-    signal, found = np.where(data.keep, left, 0.0), []
-    per_row = data.body.rate / data.body.every
-    for _ in range(MOST_LINES):
-        tone = strongest_line(signal, per_row)
-        if tone is None:
-            break
-        found.append(tone[0])
-        waves = beside(data.body, found)[:, data.keep]
-        signal[data.keep] = left[data.keep] - np.linalg.lstsq(waves.T, left[data.keep])[0] @ waves
-    return found
-
-
-def strongest_line(signal: Floats, rate: float) -> tuple[float, float, int] | None:
-    """Hz, share of the power and the place of the largest line of a signal (n,), where it stands far out."""
-    if signal.size < SHORTEST:
-        return None
-    power = np.abs(np.fft.rfft(signal * np.hanning(signal.size))) ** 2
-    stands = power > math.log(power.size / 1e-4) / math.log(2.0) * median_filter(power, 41, mode="nearest")
-    stands[:3] = stands[-3:] = False
-    top = int(np.argmax(np.where(stands, power, 0.0)))
-    if not stands[top]:
-        return None
-    share = float(power[top - 2 : top + 3].sum() / power[1:].sum())
-    # a parabola through the logarithms of a peak gives its place between the lines
-    low, high, below = np.log(power[[top - 1, top, top + 1]] + 1e-300)
-    return (top + 0.5 * (low - below) / (low - 2 * high + below)) * rate / signal.size, share, top
-
-
-def white_floor(stretches: Sequence[Stretch], begun: Hypothesis) -> float:
-    """N, root mean square that the white noise of the channels alone leaves of the balance as it is stated."""
-    constants = {each.name: each.value for each in begun.terms[0].unknowns}
-    total, rows = 0.0, 0
-    for each in stretches:
-        parts = {"velocity": constants.get("damping", 0.0), "position": constants.get("stiffness", 0.0)}
-        if each.body.force is None:
-            parts["acceleration"] = each.mass
-        else:
-            parts |= {"force": 1.0, "acceleration": constants.get("mass", 0.0)}
-        count = int(each.keep.sum())
-        total += count * sum((size * each.body.noise[name]) ** 2 for name, size in parts.items())
-        rows += count
-    return math.sqrt(total / rows)
-
-
 class Evidence(NamedTuple):
     """What speaks for a step."""
 
@@ -332,7 +82,7 @@ class Evidence(NamedTuple):
     @property
     def holds(self) -> bool:
         """Whether it is more than what others' errors leave, in recording after recording."""
-        again = self.p < 0.01
+        again = self.p < AGAIN
         if self.exact:
             seen = self.force > SLIGHT or (self.force > TINY and again)
             return self.left_out > 0.0 and (self.share > MATERIAL or seen)
@@ -897,19 +647,3 @@ def number(value: float, std: float, unit: str) -> dict[str, Any]:
     """A number as a report gives it."""
     std = float(std)
     return {"value": value, "std": std, "unit": unit, "interval": [value - BAND * std, value + BAND * std]}
-
-
-def line(body: Body, left: Floats) -> tuple[float, float] | None:
-    """Hz and share of the power of a frequency that stands far out of what is left of a recording, if one does.
-
-    One at which the body mostly moves is not meant: whatever depends on the motion has it.
-    """
-    signal = np.where(body.keep, left, 0.0)
-    tone = strongest_line(signal, body.rate / body.every)
-    if tone is None or tone[1] < LINE:
-        return None
-    for motion in (body.velocity, np.abs(body.velocity) - np.abs(body.velocity).mean()):
-        power = np.abs(np.fft.rfft(motion * np.hanning(motion.size))) ** 2
-        if power[tone[2] - 1 : tone[2] + 2].sum() > MOVES * power[1:].sum():
-            return None
-    return tone[:2]

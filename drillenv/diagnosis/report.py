@@ -11,7 +11,7 @@ from typing import Any
 
 from drillenv.checks import InputError, shown
 from drillenv.corrected import Corrected, model_record
-from drillenv.diagnosis.body_report import diagnose_body
+from drillenv.diagnosis.body_diagnosis import diagnose_body
 from drillenv.diagnosis.findings import corrected, record_of, waves
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.verdict import diagnose_drill

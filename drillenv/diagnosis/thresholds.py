@@ -39,6 +39,12 @@ MATERIAL = LAW_LEFT**2
 much."""
 SURELY = 0.1
 """The same from which it need not be seen to gain in recording after recording."""
+TINY = 2e-3
+"""Of the force, root mean square: what explains less is no physics that anybody misses."""
+SLIGHT = 0.01
+"""Of the force: what is left below that is not a mismatch that anybody asks about."""
+AGAIN = 0.01
+"""p-value of a one-sided t test over recordings by which a mechanism gains on recordings that are left out."""
 WELL_EXPLAINED = 0.8
 """Share of the mismatch, of recordings left out, from which what was found accounts for it."""
 CLOSE = 2.0

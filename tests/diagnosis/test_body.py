@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from drillenv.checks import InputError
 from drillenv.diagnosis.body import ForceBalance, autoregression, columns_of, equation_force
 from drillenv.diagnosis.body_channels import prepare
-from drillenv.diagnosis.body_report import begin, diagnose_body, stretches_of
+from drillenv.diagnosis.body_diagnosis import begin, diagnose_body, stretches_of
 from drillenv.diagnosis.body_rig import BodyRig, Scale, law_of_body
 from drillenv.diagnosis.drill_identification import kind_of_spring
 from drillenv.diagnosis.laws import Curve
@@ -453,6 +453,7 @@ def test_every_channel_goes_through_the_same_filter(shaken):
     made, campaign = shaken
     bodies, _ = prepare(campaign)
     for body in bodies:
+        assert body.force is not None
         left = body.force - made.truth["mass"] * body.acceleration - made.truth["damping"] * body.velocity
         left = left - made.truth["stiffness"] * body.position - made.truth["offset"]
         expected = math.hypot(body.noise["force"], made.truth["mass"] * body.noise["acceleration"])
@@ -465,6 +466,7 @@ def test_the_law_has_what_is_stated_and_nothing_else(shaken):
     assert stated == tuple(each.name for each in law.unknowns) == ("mass", "damping", "stiffness", "offset")
     body = prepare(campaign)[0][0]
     force = np.array([made.truth[name] for name in stated]) @ law.columns(body)
+    assert body.force is not None
     assert np.std((body.force - force)[body.keep]) < 0.01 * made.scale["force"]
 
 
