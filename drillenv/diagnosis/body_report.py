@@ -601,7 +601,7 @@ def effects_of(finding: dict[str, Any]) -> list[dict[str, Any]]:
     if law is None:
         return []
     curve = {"argument_unit": law["argument_unit"], "unit": law["unit"], "x": law["x"], "y": law["y"]}
-    return [{"name": f"tabulated {law['argument']}", "parameters": curve}]
+    return [{"name": f"tabulated-{law['argument'].replace(' ', '-')}", "parameters": curve}]
 
 
 def is_of_speed(*steps: Step) -> bool:

@@ -25,7 +25,8 @@ With every parameter at its neutral value an effect must change nothing, to the 
 contact never pulls.
 
 Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
-what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig.
+what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig;
+``body_forms`` say from where a diagnosis of such a rig tries it.
 
 An effect that follows a measured curve has no parameters of its own, but ``axes``: what the curve is over and what it
 gives. A module with several effects sets ``EFFECTS`` in place of ``EFFECT``.
