@@ -16,7 +16,7 @@ from drillenv.diagnosis.terms import Term
 
 ROUNDS = 4
 """Of the estimate of the noise and the richest model's fit."""
-RICHEST = (2, 1)
+RICHEST = (4, 2, 1)
 """Resolutions of free laws that the richest model may have."""
 PER_PARAMETER = 4.0
 """Independent rows for each parameter of the richest model, at least."""
