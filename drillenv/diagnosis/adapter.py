@@ -1,8 +1,7 @@
 """What a rig says of itself: how a recording is predicted, where laws may act, and what the library has there.
 
-Fits, the selection of families, their naming and the report know a rig by this alone.
-There are :mod:`drillenv.diagnosis.drill_rig`
-and :mod:`drillenv.diagnosis.body`.
+Fits, the selection of families and their naming know a rig by this alone. There are
+:mod:`drillenv.diagnosis.drill_rig` and :mod:`drillenv.diagnosis.body_rig`.
 """
 
 from __future__ import annotations
@@ -152,7 +151,7 @@ class Adapter(Protocol):
         """Families with free laws on these axes, of ``detail`` times as many intervals."""
         ...
 
-    def candidates(self, fitted: Fitted, detail: int = 1) -> list[Family]:
+    def candidates(self, fitted: Fitted) -> list[Family]:
         """Every family that a fit may be given, but for constants that are not as stated."""
         ...
 

@@ -8,7 +8,6 @@ controller nor an unstable motion matters, and the force that is predicted is li
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -32,8 +31,8 @@ NUDGE = 1e-4
 """Of a parameter's unit, by which derivatives are taken."""
 FLOOR = 0.01
 """Share of the noise's power that is taken to be white, whatever its spectrum."""
-CACHED = 400
-"""Terms' columns that are kept."""
+CACHED = 70
+"""Terms whose columns are kept, of each recording."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,34 +72,35 @@ Said = Callable[[Floats, Floats], dict[str, dict[str, Any]]]
 
 
 @dataclass(frozen=True)
-class Forces(Term):
+class BodyTerm(Term):
+    """A term that says in words of its own what its parameters are in the library's equation."""
+
+    says: Said | None = field(default=None, compare=False, kw_only=True)
+
+    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
+        """Parameters as the library's equation has them."""
+        return super().stated(values, spread) if self.says is None else self.says(values, spread)
+
+
+@dataclass(frozen=True)
+class Forces(BodyTerm):
     """Forces that are linear in the parameters."""
 
     columns: Callable[[Body], Floats] = field(default=lambda body: np.zeros((0, body.velocity.size)), compare=False)
     """From a recording to (parameters, n) N for each unit of a parameter."""
-    says: Said | None = field(default=None, compare=False)
-
-    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
-        """Parameters as the library's equation has them."""
-        return super().stated(values, spread) if self.says is None else self.says(values, spread)
 
 
 @dataclass(frozen=True)
-class Gain(Forces):
+class ScaledLaw(Forces):
     """The forces of the law as it is stated, times its one parameter."""
 
 
 @dataclass(frozen=True)
-class Bent(Term):
-    """A force that bends with its parameters."""
+class Nonlinear(BodyTerm):
+    """A force that is not linear in its parameters."""
 
     force: Callable[[Floats, Body], Floats] = field(default=lambda _, body: 0.0 * body.velocity, compare=False)
     """(n,) N from the parameters and a recording."""
-    says: Said | None = field(default=None, compare=False)
-
-    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
-        """Parameters as the library's equation has them."""
-        return super().stated(values, spread) if self.says is None else self.says(values, spread)
 
 
 class Autoregression(NamedTuple):
@@ -116,6 +116,9 @@ class Autoregression(NamedTuple):
 
     def whiten(self, rows: Floats) -> Floats:
         """Rows (..., n) as white noise of variance 1 below the filter's end; the first ones lack those before."""
+        if not rows.size:
+            # which the filter does not take
+            return rows
         return np.asarray(lfilter(np.append(1.0, -self.weights) / self.std, [1.0], rows, axis=-1))
 
     def size(self) -> float:
@@ -135,7 +138,7 @@ def autoregression(left: Sequence[Floats], keep: Sequence[NDArray[np.bool_]], sh
     """By least squares over all rows (n,) with what was left, its order by the criterion of Schwarz.
 
     Above the end of the channels' filter, at a ``share`` of the highest frequency of rows, there is next to nothing,
-    and nothing is learned from that: white noise of a hundredth of the power is added in thought.
+    and nothing is learned from that: the normal equations have white noise of a hundredth of the power besides.
     """
     rows = []
     for series, there in zip(left, keep, strict=True):
@@ -155,27 +158,24 @@ def autoregression(left: Sequence[Floats], keep: Sequence[NDArray[np.bool_]], sh
         if criterion < best[0]:
             best = criterion, np.asarray(weights, dtype=float)
     white = Autoregression(best[1], 1.0)
-    powers, inside = 0.0, 0.0
+    powers, inside, squares, judged = 0.0, 0.0, 0.0, 0
     for series, there in zip(left, keep, strict=True):
-        said = np.where(white.judged(there), white.whiten(series), 0.0)
+        seen = white.judged(there)
+        said = np.where(seen, white.whiten(series), 0.0)
         spectrum = np.abs(np.fft.rfft(said)) ** 2
         powers, inside = powers + spectrum.sum(), inside + spectrum[: max(round(share * spectrum.size), 1)].sum()
-    judged = np.concatenate(
-        [white.whiten(series)[white.judged(there)] for series, there in zip(left, keep, strict=True)]
-    )
-    within = float(np.mean(judged**2)) * inside / powers / share
-    return white._replace(std=math.sqrt(within), share=float(np.mean(judged**2)) / within)
-
-
-_COLUMNS: OrderedDict[tuple[int, int], tuple[Any, Body, Floats]] = OrderedDict()
+        squares, judged = squares + float(said @ said), judged + int(seen.sum())
+    new = squares / judged
+    within = new * inside / powers / share
+    return white._replace(std=math.sqrt(within), share=new / within)
 
 
 def columns_of(term: Term, body: Body, axes: Axes) -> Floats:
     """(parameters, n) N of a term that is linear in its parameters; those of the latest terms are kept."""
-    key = id(term), id(body)
-    if key in _COLUMNS:
-        _COLUMNS.move_to_end(key)
-        return _COLUMNS[key][2]
+    kept = body.columns
+    if id(term) in kept:
+        kept.move_to_end(id(term))
+        return kept[id(term)][1]
     if isinstance(term, Forces):
         made = term.columns(body)
     else:
@@ -184,10 +184,16 @@ def columns_of(term: Term, body: Body, axes: Axes) -> Floats:
         # of the drive, less force is needed where more arrives
         turn = -1.0 if term.place == DRIVE else 1.0
         made = np.array([turn * body.rows(look(row, axes, term.place, x)) for row in term.basis])
-    _COLUMNS[key] = term, body, made
-    if len(_COLUMNS) > CACHED:
-        _COLUMNS.popitem(last=False)
+    # with the term, or another could come to have its place in memory
+    kept[id(term)] = term, made
+    if len(kept) > CACHED:
+        kept.popitem(last=False)
     return made
+
+
+def peak_offset(before: float, peak: float, after: float) -> float:
+    """Where a parabola through three values at -1, 0 and 1 is largest; 0 where the middle one is not the largest."""
+    return 0.5 * (before - after) / (before - 2.0 * peak + after) if peak > max(before, after) else 0.0
 
 
 def equation_force(effect: str, p: tuple[float, ...], body: Body, stiffness: float) -> Floats:
@@ -230,7 +236,7 @@ class ForceBalance(Regression):
         body = self.data.body
         if isinstance(term, Equation):
             return equation_force(term.effect, term.parameters(own), body, stiffness)
-        if isinstance(term, Bent):
+        if isinstance(term, Nonlinear):
             return term.force(own, body)
         return own @ columns_of(term, body, self.hypothesis.axes)
 
@@ -254,7 +260,7 @@ class ForceBalance(Regression):
         made = np.zeros((values.size, self.data.keep.size))
         names = [each.name for each in self.hypothesis.terms[0].unknowns]
         for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
-            if not isinstance(term, Equation | Bent):
+            if not isinstance(term, Equation | Nonlinear):
                 made[first : first + own.size] = columns_of(term, self.data.body, self.hypothesis.axes)
             else:
                 for j, unknown in enumerate(term.unknowns):

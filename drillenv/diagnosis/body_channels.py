@@ -8,9 +8,11 @@ holds between the filtered ones. The filter ends where differentiating would mak
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.fft import dct
@@ -91,6 +93,8 @@ class Body:
     """Standard deviation in a row of the white noise of force, acceleration, velocity and position."""
     slow: float
     """m/s, the speed below which its sign is not known."""
+    columns: OrderedDict[int, tuple[Any, np.ndarray]] = field(init=False, default_factory=OrderedDict)
+    """Forces (m, n) of the latest terms that were asked for, by identity; see ``body.columns_of``."""
 
     def rows(self, samples: np.ndarray) -> np.ndarray:
         """What became of each channel, done to a term computed from smooth ones: (samples,) to (n,)."""

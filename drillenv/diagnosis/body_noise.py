@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.ndimage import median_filter
 
-from drillenv.diagnosis.body import Autoregression, Bent, Stretch, autoregression, columns_of
+from drillenv.diagnosis.body import Autoregression, Nonlinear, Stretch, autoregression, columns_of, peak_offset
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_rig import BodyRig
 from drillenv.diagnosis.solver import Floats
@@ -38,35 +39,29 @@ def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
     rows = rig.band * sum(int(each.keep.sum()) for each in stretches)
     for detail in RICHEST:
         families = [*rig.laws(None, rig.axes, detail), *rig.sensors(), *rig.outside()]
-        terms = [*law, *(term for each in families for term in each.terms if not isinstance(term, Bent))]
+        terms = [*law, *(term for each in families for term in each.terms if not isinstance(term, Nonlinear))]
         if rows > PER_PARAMETER * sum(len(each.unknowns) for each in terms):
             break
     else:
         terms = list(law)
     made = [np.concatenate([columns_of(term, each.body, rig.axes) for term in terms]) for each in stretches]
-    noise, waves = Autoregression(np.zeros(0), 1.0), np.zeros((0, 0))
+    noise = Autoregression(np.zeros(0), 1.0)
     lines: list[list[float]] = [[] for _ in stretches]
     for turn in range(ROUNDS):
-        judged = [noise.judged(each.keep) for each in stretches]
-        x, y, first = [], [], 0
-        count = 2 * sum(map(len, lines))
         own = [beside(each.body, frequencies) for each, frequencies in zip(stretches, lines, strict=True)]
-        for each, columns, waves, keep in zip(stretches, made, own, judged, strict=True):
-            wide = np.zeros((len(columns) + count, int(keep.sum())))
-            wide[: len(columns)] = noise.whiten(columns)[:, keep]
-            if len(waves):
-                wide[len(columns) + first :][: len(waves)] = noise.whiten(waves)[:, keep]
-            first += len(waves)
-            x.append(wide)
-            y.append(noise.whiten(each.measured)[keep])
-        table = np.concatenate(x, axis=1).T
+        judged = [noise.judged(each.keep) for each in stretches]
+        shared = [noise.whiten(rows)[:, keep] for rows, keep in zip(made, judged, strict=True)]
+        alone = [noise.whiten(rows)[:, keep] for rows, keep in zip(own, judged, strict=True)]
+        pairs = zip(stretches, judged, strict=True)
+        measured = np.concatenate([noise.whiten(each.measured)[keep] for each, keep in pairs])
+        # each stretch has amplitudes of its own
+        table = np.vstack([np.hstack(shared), np.asarray(block_diag(*alone))]).T
         sizes = np.linalg.norm(table, axis=0)
         sizes = np.where(sizes > 0.0, sizes, 1.0)
-        found = np.linalg.lstsq(table / sizes, np.concatenate(y), rcond=1e-8)[0] / sizes
-        left, first = [], len(made[0])
-        for each, columns, waves in zip(stretches, made, own, strict=True):
-            left.append(each.measured - found[: len(columns)] @ columns - found[first : first + len(waves)] @ waves)
-            first += len(waves)
+        found = np.linalg.lstsq(table / sizes, measured, rcond=1e-8)[0] / sizes
+        common, *amplitudes = np.split(found, len(made[0]) + np.cumsum([0] + [len(rows) for rows in own[:-1]]))
+        parts = zip(stretches, made, own, amplitudes, strict=True)
+        left = [each.measured - common @ rows - amplitude @ waves for each, rows, waves, amplitude in parts]
         noise = autoregression(left, [each.keep for each in stretches], rig.band)
         independent = noise.share * sum(int(noise.judged(each.keep).sum()) for each in stretches)
         noise = noise._replace(std=noise.std / math.sqrt(max(1.0 - table.shape[1] / independent, 0.5)))
@@ -106,9 +101,8 @@ def strongest_line(signal: Floats, rate: float) -> tuple[float, float, int] | No
     if not stands[top]:
         return None
     share = float(power[top - 2 : top + 3].sum() / power[1:].sum())
-    # a parabola through the logarithms of a peak gives its place between the lines
-    low, high, below = np.log(power[[top - 1, top, top + 1]] + 1e-300)
-    return (top + 0.5 * (low - below) / (low - 2 * high + below)) * rate / signal.size, share, top
+    place = top + peak_offset(*np.log(power[top - 1 : top + 2] + 1e-300))
+    return place * rate / signal.size, share, top
 
 
 def line(body: Body, left: Floats) -> tuple[float, float] | None:

@@ -6,17 +6,13 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
-from drillenv.diagnosis.body import (
-    NUDGE,
-    ForceBalance,
-    Gain,
-    Stretch,
-)
+from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
@@ -89,7 +85,7 @@ class Evidence(NamedTuple):
         return self.share > MATERIAL and self.force > TINY and (self.share > SURELY or again)
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class BodyReport:
     """Puts a finished search into words and numbers."""
 
@@ -159,6 +155,7 @@ class BodyReport:
         force = math.sqrt(max(rms(other) ** 2 - rms(self.final) ** 2, 0.0)) / self.size
         return Evidence(2.0 * (other.cost - self.final.cost) / total, left_out, p, exact, force)
 
+    @cached_property
     def explained(self) -> dict[str, Any]:
         """Share of the mismatch that the mechanisms explain, of rows left out of the fit, with an interval."""
         before, after = self.mismatch(self.plain if self.steps else self.believed), self.mismatch(self.final)
@@ -179,10 +176,10 @@ class BodyReport:
         if outside:
             return "unexplained"
         if not self.steps:
-            if left and self.explained()["share"] < WELL_EXPLAINED:
+            if left and self.explained["share"] < WELL_EXPLAINED:
                 return "unexplained"
-            return "parameters" if self.off() else "agrees"
-        if left and self.explained()["interval"][0] < WELL_EXPLAINED:
+            return "parameters" if self.off else "agrees"
+        if left and self.explained["interval"][0] < WELL_EXPLAINED:
             return "unexplained"
         return "missing-physics"
 
@@ -194,6 +191,7 @@ class BodyReport:
         """N, root mean square of what is left beyond the noise."""
         return rms(self.final) * math.sqrt(max(1.0 - 1.0 / max(self.final.per_freedom, 1e-9), 0.0))
 
+    @cached_property
     def off(self) -> list[str]:
         """Stated constants that are off by several of their tolerances."""
         constants = self.plain.hypothesis.terms[0].unknowns
@@ -211,16 +209,18 @@ class BodyReport:
         clustered = len(moved) / (len(moved) - 1) * np.sum(moved**2, axis=0)
         return np.maximum(deviations(fitted), np.sqrt(clustered) * widths)
 
+    @cached_property
     def constants(self) -> dict[str, Any]:
         """Every constant of the law, fitted."""
-        fitted, entry = self.stating(), self.campaign.nominal["mass"]
+        fitted, entry = self.stating, self.campaign.nominal["mass"]
         spread, found = self.spread(fitted), {}
         for each, value, std in zip(self.plain.hypothesis.terms[0].unknowns, fitted.values, spread, strict=False):
-            found[each.name] = number(float(value), math.hypot(std, self.loose() * value), UNITS[each.name])
+            found[each.name] = number(float(value), math.hypot(std, self.loose * value), UNITS[each.name])
         if entry.value is not None and "mass" not in found:
             found = {"mass": number(entry.value, entry.std or 0.0, "kg"), **found}
         return found
 
+    @cached_property
     def stating(self) -> Fitted:
         """The fit by which constants are stated.
 
@@ -229,8 +229,9 @@ class BodyReport:
         """
         alone = [self.alone(step) for step in self.steps if step.named.equation is None and self.comes_near(step)]
         free = any(math.isinf(each.std) for each in self.plain.hypothesis.terms[0].unknowns)
-        return alone[0] if alone and free and len(self.mechanisms()) == 1 else self.final
+        return alone[0] if alone and free and len(self.mechanisms) == 1 else self.final
 
+    @cached_property
     def loose(self) -> float:
         """Tolerance of the mass over its value, where it scales every force."""
         entry = self.campaign.nominal["mass"]
@@ -241,8 +242,8 @@ class BodyReport:
         nominal = {name: each.value for name, each in self.campaign.nominal.items()}
         return {
             name: {**entry, "nominal": nominal[name]}
-            for name, entry in self.constants().items()
-            if name in self.off() or nominal.get(name) is None
+            for name, entry in self.constants.items()
+            if name in self.off or nominal.get(name) is None
         }
 
     # --- where, and what is left
@@ -291,22 +292,24 @@ class BodyReport:
         regimes = sorted((name for name in surplus if surplus[name] > 0.2 * total), key=lambda name: -surplus[name])
         balance = "body"
         if verdict == "missing-physics":
-            effects = [REGISTRY[name] for name in self.mechanisms()]
+            effects = [REGISTRY[name] for name in self.mechanisms]
             balance = "sensor" if effects[0].balances == ("sensor",) else "body"
             text = " ".join(effect.body_sentence or effect.sentence for effect in effects)
-            text += f" {accounted(self.explained())}"
-            text += f" {self.rest()['summary']}" if self.left_share() > LEFT else ""
+            text += f" {accounted(self.explained)}"
+            text += f" {self.rest['summary']}" if self.left_share() > LEFT else ""
         elif verdict == "parameters":
             text = "Constants that are off by several of their tolerances explain it."
         else:
-            text = f"{self.rest()['summary']} It is largest moving {' and '.join(regimes[:2])}."
+            text = f"{self.rest['summary']} It is largest moving {' and '.join(regimes[:2])}."
         recordings = sorted({each["recording"] for each in cells if each["mean_square"] > STRUCK})
         return {"balance": balance, "regimes": regimes, "recordings": recordings, "summary": text}
 
+    @cached_property
     def mechanisms(self) -> list[str]:
         """Names of those that hold, each once."""
         return list(dict.fromkeys(step.named.mechanism for step in self.steps))
 
+    @cached_property
     def rest(self) -> dict[str, Any]:
         """What is left, in words and numbers."""
         outside = [step for step in (*self.steps, *self.minor) if step.family.outside]
@@ -339,7 +342,7 @@ class BodyReport:
         """One entry for each mechanism; laws of the same mechanism over the same argument are one."""
         return [
             self.finding(name, [step for step in self.steps if step.named.mechanism == name])
-            for name in self.mechanisms()
+            for name in self.mechanisms
         ]
 
     def finding(self, mechanism: str, steps: Sequence[Step]) -> dict[str, Any]:
@@ -356,9 +359,13 @@ class BodyReport:
         }
         if "sensor" not in effect.balances and exact:
             evidence["beside_a_free_lag"] = self.beside_lag(first)
+        alike = sorted({name for step in steps for name in equivalents(step)} - {mechanism})
+        if alike:
+            advice = [REGISTRY[name].body_told_apart for name in (mechanism, *alike)]
+            evidence["separate"] = [text for text in dict.fromkeys(advice) if text]
         entry: dict[str, Any] = {
             "mechanism": mechanism,
-            "equivalents": sorted({name for step in steps for name in equivalents(step)} - {mechanism}),
+            "equivalents": alike,
             "explanation": effect.body_sentence or effect.sentence,
             "form": form_of(first) if exact else "measured",
             "parameters": self.strengths(first, self.final) if exact else self.nearest(first),
@@ -382,7 +389,7 @@ class BodyReport:
         straight = self.unstated(place, x)
         inside = indices_of(final, terms) + list(straight)
         widths = np.array([final.hypothesis.unknowns[i].width for i in inside])
-        stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating().values
+        stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
         names = {each.name for each in terms}
         terms = [each for each in final.hypothesis.terms if each.name in names]
 
@@ -449,15 +456,16 @@ class BodyReport:
         """Parameters of an equation in a fit."""
         found = {}
         for symbol, each in parameters_of_equation(fitted, equation, self.spread(fitted)).items():
-            std = math.hypot(each["std"], self.loose() * each["value"]) if each["unit"].startswith("N") else each["std"]
+            std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
             found[symbol] = number(each["value"], std, each["unit"])
         return found
 
     def beside_lag(self, step: Step) -> dict[str, Any]:
         """What the strengths would be, were one channel free to lag: a lag and a damper can stand in for each other."""
-        loose = self.lagging()
+        loose = self.lagging
         return {"lag": number(*self.lag_of(loose), "s"), **self.strengths(step, loose)}
 
+    @cached_property
     def lagging(self) -> Fitted:
         """The final fit with a lag of the left side behind the motion of which nothing is believed."""
         terms = tuple(e.freed("timing") if e.name == "timing" else e for e in self.final.hypothesis.terms)
@@ -470,12 +478,12 @@ class BodyReport:
 
     def rejected(self) -> list[dict[str, Any]]:
         """What was considered, and why it is not the answer."""
-        there = set(self.mechanisms())
+        there = set(self.mechanisms)
         listed = [each for each in rejected(self.every, self.tested) if each["mechanism"] not in there]
         listed = list({each["mechanism"]: each for each in reversed(listed)}.values())[::-1]
         if "channel-delay" not in there and not any(each["mechanism"] == "channel-delay" for each in listed):
             listed.append({"mechanism": "channel-delay", "why": "no more than sampling does"})
-        value, std = self.lag_of(self.lagging())
+        value, std = self.lag_of(self.lagging)
         side = "force" if self.bodies[0].force is not None else "acceleration"
         way = "behind" if value > 0.0 else "ahead of"
         for each in listed:
@@ -512,8 +520,9 @@ class BodyReport:
     def fit(self) -> dict[str, Any]:
         """How well it fits."""
         fitted, held = ([body for body in self.bodies if body.held is which] for which in (False, True))
+        over = self.over(fitted)
         left_out = {
-            **self.over(fitted),
+            **over,
             "before": rms(self.believed, left_out_in_turn(self.believed)),
             "after": rms(self.final, left_out_in_turn(self.final)),
             "how": "each recording, or part of one where there are few, by a fit to the others",
@@ -525,7 +534,7 @@ class BodyReport:
         return {
             "unit": "N, root mean square of what is left of the force balance",
             "noise_floor": self.final.noise[0].size(),
-            "fitted": self.over(fitted),
+            "fitted": over,
             "left_out": left_out,
             "held_out": held_out,
         }
@@ -559,20 +568,20 @@ class BodyReport:
         """The record, the model and the waves."""
         verdict, cells = self.verdict(), self.cells()
         explained = verdict != "unexplained"
-        found, constants = self.findings() if explained else [], self.constants()
+        found, constants = self.findings() if explained else [], self.constants
         record = {
             "verdict": verdict,
             "where": self.where(verdict, cells),
             "findings": found,
             "parameters": self.parameters() if explained else {},
             "bookkeeping": [],
-            "explained": self.explained(),
+            "explained": self.explained,
             "fit": self.fit(),
             "rejected": self.rejected(),
             "next": [],
             "quality": [str(each) for each in self.faults],
             "constants": constants,
-            "rest": self.rest(),
+            "rest": self.rest,
             "remarks": [*self.remarks, *self.held_remarks()],
             "cells": cells,
         }
@@ -612,8 +621,8 @@ def is_of_speed(*steps: Step) -> bool:
 def law_at(term: Term, own: Floats, place: int, x: Floats, axes: Axes, stiffness: float) -> Floats:
     """(n,) N that a term says at arguments x (n,) of a place."""
     if isinstance(term, Curve):
-        return np.array([look(own @ term.basis, axes, term.place, x)])[0]
-    if isinstance(term, Gain):
+        return look(own @ term.basis, axes, term.place, x)
+    if isinstance(term, ScaledLaw):
         # forces are those of the law times one and this: of the applied one that is so much less
         return -own[0] / (1.0 + own[0]) * x
     if not isinstance(term, Equation):

@@ -14,18 +14,18 @@ from scipy.optimize import least_squares
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.body import (
     Autoregression,
-    Bent,
     ForceBalance,
     Forces,
-    Gain,
+    Nonlinear,
+    ScaledLaw,
     Stretch,
     autoregression,
     columns_of,
     equation_force,
+    peak_offset,
     sliding,
 )
 from drillenv.diagnosis.body_channels import Body
-from drillenv.diagnosis.drill_identification import kind_of_spring
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import (
     SLOW,
@@ -35,12 +35,14 @@ from drillenv.diagnosis.laws import (
     Family,
     FreeLaws,
     bsplines,
+    coefficients,
+    kind_of_spring,
     normalised,
     odd_with_step,
 )
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis, Term, Unknown
+from drillenv.diagnosis.terms import Hypothesis, Term, Unknown, mean_amplitude
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
@@ -81,7 +83,8 @@ class Scale(NamedTuple):
 
     def of(self, unit: str) -> float:
         """The typical size of a parameter, from its unit: N is the force, m the travel, s the travel over the speed."""
-        bases = {"N": self.force, "m": self.travel, "s": self.travel / self.speed, "1": 1.0}
+        mass = self.force * self.travel / self.speed**2
+        bases = {"N": self.force, "m": self.travel, "s": self.travel / self.speed, "kg": mass, "1": 1.0}
         size, sign = 1.0, 1.0
         for part in unit.replace("*", " ").replace("/", " / ").split():
             if part == "/":
@@ -103,7 +106,7 @@ class BodyRig:
     axes: Axes
     stated: tuple[str, ...]
     """Constants of the law."""
-    gain: Gain | None
+    gain: ScaledLaw | None
     """Of the law as it is stated: what is straight in a law over the applied force; None where not all is stated."""
 
     @property
@@ -138,9 +141,10 @@ class BodyRig:
 
     def noise_left(self, fitted: Fitted, pool: Executor | None) -> list[Autoregression]:
         """As it was, or what a model leaves that is richer than the one by which it was estimated."""
+        if fitted.per_freedom >= QUIETER:
+            return fitted.noise
         left = [block.left(fitted.values) for block in fitted.blocks]
-        found = autoregression(left, [block.data.keep for block in fitted.blocks], self.band)
-        return [found] * len(left) if fitted.per_freedom < QUIETER else fitted.noise
+        return [autoregression(left, [block.data.keep for block in fitted.blocks], self.band)] * len(left)
 
     def axes_at(self, fitted: Fitted, pool: Executor) -> Axes:
         """What is measured is visited, whatever the model."""
@@ -159,7 +163,7 @@ class BodyRig:
         # what changes with the speed where that is high is the damper's
         low = np.arcsinh(SLOW * np.minimum(x / x[-1], SLIDING))
         rising = bsplines(3 * detail + 3, low)
-        friction = Curve("friction", _named("friction", len(rising), unit), GUIDE, odd_with_step(rising))
+        friction = Curve("friction", coefficients("friction", len(rising), unit), GUIDE, odd_with_step(rising))
         spring = free.curve("spring", unit, SPRING, free.splines(10))
         damper = free.curve("damper", unit, DAMPER, free.over_speed(9, DAMPER))
         faster = "damping-quadratic" if "damping" in self.stated else "viscous-damping"
@@ -175,15 +179,15 @@ class BodyRig:
             found.append(Family("applied force", "applied force", terms, "force-limit"))
         return found
 
-    def candidates(self, fitted: Fitted, detail: int = 1) -> list[Family]:
+    def candidates(self, fitted: Fitted) -> list[Family]:
         """Every family of the motion, of the sensors, and what no mechanism of the library has."""
-        free = self.laws(fitted, fitted.hypothesis.axes, detail)
+        free = self.laws(fitted, fitted.hypothesis.axes)
         return [*free, *self.textbook(free), *self.sensors(), *self.outside()]
 
     def textbook(self, free: Sequence[Family]) -> list[Family]:
         """Equations with one parameter by which forces are proportional: their score tests are exact."""
         found = []
-        for family in free[:3]:
+        for family in free:
             places = {term.place for term in family.terms if isinstance(term, Curve)}
             for each in self.equations(places):
                 alone = len(each.form.symbols) == len(each.form.starts) == 1
@@ -195,12 +199,11 @@ class BodyRig:
         """A lag beyond that of sampling, a zero that is off, and hum."""
         unit, found = SOFT * self.scale.force, []
         far = 60.0 * self.clock
-        lag = Bent(
-            "lag", (Unknown("delay", 0.0, self.clock, LATE * self.clock, -far, far, "s"),), self.lagged, self.delays
-        )
+        delay = Unknown("delay", 0.0, self.clock, LATE * self.clock, -far, far, "s")
+        lag = Nonlinear("lag", (delay,), self.lagged, says=self.delays)
         found.append(Family("channel-delay", "channel-delay", (lag,), textbook=True))
         if "offset" not in self.stated:
-            zero = Forces("zero", _named("zero", 1, unit), lambda body: np.ones((1, body.velocity.size)), self.zeros)
+            zero = Forces("zero", coefficients("zero", 1, unit), ones, says=self.zeros)
             found.append(Family("sensor-offset", "sensor-offset", (zero,), textbook=True))
         edge = min(each.body.edge for each in self.stretches)
         return found + [self.hum(line) for line in MAINS if line < 0.9 * edge]
@@ -218,8 +221,8 @@ class BodyRig:
 
         unknowns = [Unknown("f_m", line, 0.02, MAINS_OFF, line - 2.0 * MAINS_OFF, line + 2.0 * MAINS_OFF, "Hz")]
         for name in names:
-            unknowns += _named(f"hum {name}", 2, SOFT * self.scale.force)
-        term = Bent(f"hum {line:g} Hz", tuple(unknowns), force, self.hums)
+            unknowns += coefficients(f"hum {name}", 2, SOFT * self.scale.force)
+        term = Nonlinear(f"hum {line:g} Hz", tuple(unknowns), force, says=self.hums)
         return Family(f"mains-hum {line:g} Hz", "mains-hum", (term,), textbook=True)
 
     def delays(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
@@ -235,9 +238,7 @@ class BodyRig:
 
     def hums(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """The frequency, and the root mean square over recordings of the amplitude."""
-        sizes, spreads = values[1:].reshape(-1, 2), spread[1:]
-        size = float(np.sqrt(np.mean(np.sum(sizes**2, axis=1))))
-        std = float(np.sqrt(np.mean(spreads**2) / len(sizes)))
+        size, std = mean_amplitude(values[1:].reshape(-1, 2), spread[1:])
         frequency = {"value": float(values[0]), "std": float(spread[0]), "unit": "Hz"}
         return {"f_m": frequency, self.reads("b"): self.as_read(size, std, False)}
 
@@ -275,8 +276,8 @@ class BodyRig:
             run = body.time / body.time[-1] - 0.5
             return np.array([run, run * body.rows(np.sign(sliding(body))), run * body.velocity / scale.speed])
 
-        brake = Forces("position damping", _named("brake", 3, unit), brakes)
-        drift = Forces("drift", _named("drift", 3, unit), grows)
+        brake = Forces("position damping", coefficients("brake", 3, unit), brakes)
+        drift = Forces("drift", coefficients("drift", 3, unit), grows)
         return [
             Family(brake.name, brake.name, (brake,), outside="it brakes more in some positions than in others"),
             Family(drift.name, drift.name, (drift,), outside="it grows with the time in the recording"),
@@ -302,15 +303,15 @@ class BodyRig:
             turned = 2.0 * math.pi * body.smooth_position / length
             return np.array([body.rows(np.sin(turned)), body.rows(np.cos(turned))])
 
-        term = Forces("ripple", _named("ripple", 2, SOFT * self.scale.force), waves)
+        term = Forces("ripple", coefficients("ripple", 2, SOFT * self.scale.force), waves)
         text = f"it is periodic in the position, once every {1e3 * length:.3g} mm"
         # as is the spring's law, it is one of the position
         return Family("ripple", "spring", (term,), outside=text)
 
     def tone(self, fitted: Fitted) -> Family | None:
         """A force that goes on at a frequency of its own, at that of the largest periodogram of what is left."""
-        rate, longest = self.stretches[0].body, max(each.keep.size for each in self.stretches)
-        per_row = rate.rate / rate.every
+        first, longest = self.stretches[0].body, max(each.keep.size for each in self.stretches)
+        per_row = first.rate / first.every
         tried = np.arange(FEWEST_CYCLES * per_row / longest, 0.45 * per_row, 0.25 * per_row / longest)
         # what hums is a mechanism of the library
         tried = tried[np.all(np.abs(tried[:, None] - np.array(MAINS)) > 5.0 * MAINS_OFF, axis=1)]
@@ -322,9 +323,7 @@ class BodyRig:
             whole = np.abs(np.fft.rfft(left, 8 * longest)) ** 2 / max(block.samples, 1)
             power += np.interp(tried, np.fft.rfftfreq(8 * longest, 1.0 / per_row), whole)
         top = int(np.clip(np.argmax(power), 1, tried.size - 2))
-        # the place of a peak, by a parabola through it
-        low, high, below = power[top - 1 : top + 2]
-        frequency = float(tried[top] + 0.5 * (low - below) / (low - 2.0 * high + below) * (tried[1] - tried[0]))
+        frequency = float(tried[top] + peak_offset(*power[top - 1 : top + 2]) * (tried[1] - tried[0]))
         names = list(dict.fromkeys(each.body.name for each in self.stretches))
 
         def waves(body: Body) -> Floats:
@@ -334,7 +333,7 @@ class BodyRig:
                 made[2 * names.index(body.name) :][:2] = np.sin(turned), np.cos(turned)
             return made
 
-        term = Forces("tone", _named("tone", 2 * len(names), SOFT * self.scale.force), waves)
+        term = Forces("tone", coefficients("tone", 2 * len(names), SOFT * self.scale.force), waves)
         text = f"it is periodic in time, at {frequency:.3g} Hz"
         return Family("tone", "tone", (term,), outside=text, tried=tried.size)
 
@@ -344,7 +343,7 @@ class BodyRig:
         """The library's equations over the same argument, the nearest first."""
         places = {term.place for term in family.terms if isinstance(term, Curve)}
         found = [self.near(fitted, family, each) for each in self.equations(places)]
-        return sorted((each for each in found if each is not None), key=lambda each: each.worse)
+        return sorted(found, key=lambda each: each.worse)
 
     def equations(self, places: Collection[int]) -> list[Equation]:
         """Those of effects that act on a body by what these laws are over, and are not stated."""
@@ -389,7 +388,7 @@ class BodyRig:
         """The typical travel, speed and applied force."""
         return self.scale.travel, self.scale.speed, self.scale.force
 
-    def near(self, fitted: Fitted, family: Family, equation: Equation) -> Rival | None:
+    def near(self, fitted: Fitted, family: Family, equation: Equation) -> Rival:
         """Where an equation comes nearest to the free law, constants being free to take up what they can."""
         constants = fitted.hypothesis.terms[0]
         count = len(constants.unknowns)
@@ -447,6 +446,11 @@ class BodyRig:
         return nearest or family.mechanism
 
 
+def ones(body: Body) -> Floats:
+    """(1, n) ones."""
+    return np.ones((1, body.velocity.size))
+
+
 def as_nothing(equation: Equation) -> Equation:
     """An equation that begins where it does nothing."""
     return replace(equation, unknowns=tuple(each._replace(value=0.0) for each in equation.unknowns))
@@ -469,20 +473,13 @@ def gain_of(fitted: Fitted, term: Term, axes: Axes) -> float:
 
 
 def law_of_body(campaign: Campaign, forced: bool, mass: float, scale: Scale) -> tuple[Forces, tuple[str, ...]]:
-    """The terms that the lab believes in: constants, and what sampling parts the channels by."""
+    """The law that the lab believes in, and the names of its constants."""
     parts: dict[str, Callable[[Body], Floats]] = {
         "mass": lambda body: body.acceleration,
         "damping": lambda body: body.velocity,
         "stiffness": lambda body: body.position,
         "coulomb": lambda body: body.rows(np.sign(sliding(body))),
         "offset": lambda body: np.ones(body.velocity.size),
-    }
-    sizes = {
-        "mass": scale.force * scale.travel / scale.speed**2,
-        "damping": scale.force / scale.speed,
-        "stiffness": scale.force / scale.travel,
-        "coulomb": scale.force,
-        "offset": scale.force,
     }
     loose = 0.0 if forced else (campaign.nominal["mass"].std or 0.0) / mass
     unknowns, used = [], []
@@ -492,7 +489,7 @@ def law_of_body(campaign: Campaign, forced: bool, mass: float, scale: Scale) -> 
             continue
         used.append(part)
         if entry.value is None:
-            unknowns.append(Unknown(name, 0.0, 0.1 * sizes[name], unit=UNITS[name]))
+            unknowns.append(Unknown(name, 0.0, 0.1 * scale.of(UNITS[name]), unit=UNITS[name]))
             continue
         std = entry.std if entry.std is not None else max(UNSTATED * abs(entry.value), 1e-12)
         # where the left side is made with the mass, its tolerance is that of every constant
@@ -502,12 +499,12 @@ def law_of_body(campaign: Campaign, forced: bool, mass: float, scale: Scale) -> 
     return law, tuple(each.name for each in unknowns)
 
 
-def gain_of_law(law: Forces) -> Gain | None:
+def gain_of_law(law: Forces) -> ScaledLaw | None:
     """The term that makes all forces of a law as it is stated larger."""
     stated = np.array([each.value for each in law.unknowns])
     if any(math.isinf(each.std) for each in law.unknowns):
         return None
-    return Gain("gain", (Unknown("gain", 0.0, SOFT, 1.0),), lambda body: (stated @ law.columns(body))[None])
+    return ScaledLaw("gain", (Unknown("gain", 0.0, SOFT, 1.0),), lambda body: (stated @ law.columns(body))[None])
 
 
 def sampling(rate: float, mass: float) -> Forces:
@@ -541,7 +538,3 @@ def axes_of_bodies(bodies: Sequence[Body]) -> Axes:
     scale[GUIDE] = fast / 300.0
     low[GUIDE], high[GUIDE] = -math.asinh(300.0), math.asinh(300.0)
     return Axes(scale, low, (high - low) / (GRID - 1))
-
-
-def _named(name: str, count: int, width: float, loose: float = 30.0) -> tuple[Unknown, ...]:
-    return tuple(Unknown(f"{name} {i}", 0.0, width, loose * width) for i in range(count))

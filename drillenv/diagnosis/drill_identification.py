@@ -204,13 +204,6 @@ def kind_of_response(term: Term, values: Floats, rate: float) -> str:
     return "accelerometer-lowpass" if float(gain.min()) < 1.0 - LEVEL else "channel-delay"
 
 
-def kind_of_spring(x: Floats, law: Floats) -> str:
-    """What a spring's law (n,) is: one that is softer at its ends than in its middle saturates, any other hardens."""
-    thirds = zip(np.array_split(x, 3), np.array_split(law, 3), strict=True)
-    low, middle, high = (np.polyfit(at, y, 1)[0] for at, y in thirds)
-    return "force-limit" if 0.5 * (low + high) < middle else "stiffness-hardening"
-
-
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:
     """Where a sensor's equation begins: of its starts, those whose response is nearest to the free one."""
     begun = np.array([each.value for each in sensor.unknowns])

@@ -12,14 +12,13 @@ from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded, kept_of, resized
 from drillenv.diagnosis.drill_identification import (
     kind_of_response,
-    kind_of_spring,
     law_of,
     rivals,
     taken_up,
 )
 from drillenv.diagnosis.drill_noise import Noise, noise_left, noise_of
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import MOUNT_LAW, Equivalent, Family, as_stated, axes_of, families
+from drillenv.diagnosis.laws import MOUNT_LAW, Equivalent, Family, as_stated, axes_of, families, kind_of_spring
 from drillenv.diagnosis.noise import nuisance
 from drillenv.diagnosis.selection import best_frequency
 from drillenv.diagnosis.sensing import Sensor, sensor_families
@@ -65,11 +64,11 @@ class DrillRig:
         """The same motion with constants as stated that a law at one of the places can take up."""
         return as_stated(hypothesis, values, places)
 
-    def candidates(self, fitted: Fitted, detail: int = 1) -> list[Family]:
-        """Every family of the motion, of the sensors, and of a constant that is not as stated."""
+    def candidates(self, fitted: Fitted) -> list[Family]:
+        """Every family of the motion and of the sensors."""
         blocks = fitted.blocks
         mounted = fitted.hypothesis.model(fitted.values, blocks[0].scene).s[V.MOUNT_GAIN] > 0.0
-        moving = self.laws(fitted, fitted.hypothesis.axes, detail)
+        moving = self.laws(fitted, fitted.hypothesis.axes, 1)
         moving = [each for each in moving if mounted or each.name != MOUNT_LAW]
         reading = sensor_families([block.name for block in blocks], min(block.data.rate for block in blocks))
         return moving + reading

@@ -259,7 +259,8 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     return Axes(scale, low, (high - low) / (GRID - 1))
 
 
-def _named(name: str, count: int, width: float, loose: float = 30.0) -> tuple[Unknown, ...]:
+def coefficients(name: str, count: int, width: float, loose: float = 30.0) -> tuple[Unknown, ...]:
+    """Parameters of a free law at 0, in units of ``width``, so many times which is the prior's standard deviation."""
     return tuple(Unknown(f"{name} {i}", 0.0, width, loose * width) for i in range(count))
 
 
@@ -324,7 +325,7 @@ class FreeLaws:
             # where a spring is at rest, no recording says
             basis = basis - basis.mean(axis=1, keepdims=True)
         free = smoothest_first(normalised(basis))
-        return Curve(name, _named(name, len(free), width), place, free)
+        return Curve(name, coefficients(name, len(free), width), place, free)
 
     def splines(self, count: int, at: Floats | None = None) -> Floats:
         """B-splines, so many at the lowest resolution, even in ``at`` (GRID,)."""
@@ -402,8 +403,8 @@ def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
     waveform = free.curve("waveform", 0.05, WAVEFORM, _waves(range(2, 4 * free.detail + 6)))
     limit = free.curve("drive", 10.0, DRIVE, free.splines(9))
     droop = (
-        Gain("gain", _named("gain", knots.size, 0.05), V.F_A, knots),
-        Gain("phase", _named("phase", knots.size, 0.05), DRIVE_PHASE, knots),
+        Gain("gain", coefficients("gain", knots.size, 0.05), V.F_A, knots),
+        Gain("phase", coefficients("phase", knots.size, 0.05), DRIVE_PHASE, knots),
     )
     return [
         Family("drive-harmonics", "drive-harmonics", (waveform,)),
@@ -416,9 +417,9 @@ def _remembering() -> list[Family]:
     """Families with states of their own, at several time constants and frequencies."""
     found = []
     for tau in (0.06, 0.4):
-        found.append(Family(f"air-spring {tau:g} s", "air-spring", (Air("air", _named("air", 1, 1e4), tau),)))
+        found.append(Family(f"air-spring {tau:g} s", "air-spring", (Air("air", coefficients("air", 1, 1e4), tau),)))
     for f in (60.0, 150.0, 380.0):
-        mode = Mount("mount", _named("mount", 1, 0.01), f)
+        mode = Mount("mount", coefficients("mount", 1, 0.01), f)
         found.append(Family(f"rock-mount-compliance {f:g} Hz", "rock-mount-compliance", (mode,)))
     return found
 
@@ -521,6 +522,13 @@ def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0
         columns = np.column_stack([columns, np.ones(GRID)])
     found = np.linalg.lstsq(columns, values @ term.basis + more, rcond=None)[0]
     return np.asarray(found[: len(other.basis)], dtype=float)
+
+
+def kind_of_spring(x: Floats, law: Floats) -> str:
+    """What a spring's law (n,) is: one that is softer at its ends than in its middle saturates, any other hardens."""
+    thirds = zip(np.array_split(x, 3), np.array_split(law, 3), strict=True)
+    low, middle, high = (np.polyfit(at, y, 1)[0] for at, y in thirds)
+    return "force-limit" if 0.5 * (low + high) < middle else "stiffness-hardening"
 
 
 def normalised(basis: Floats) -> Floats:

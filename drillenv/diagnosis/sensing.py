@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete, lfilter, oaconvolve
 
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.terms import Scene, Term, Unknown
+from drillenv.diagnosis.terms import Scene, Term, Unknown, mean_amplitude
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.rig import PUSH
 
@@ -205,12 +205,8 @@ class Added(Sensor):
         # by recording, channel, sine and cosine
         sizes, spreads = (each[first:].reshape(-1, 2, 2) for each in (values, spread))
         for i, (name, unit) in enumerate((("b_f", "N"), ("b_a", "m/s^2"))):
-            size = float(np.sqrt(np.mean(np.sum(sizes[:, i] ** 2, axis=1))))
-            found[name] = {
-                "value": size,
-                "std": float(np.sqrt(np.mean(spreads[:, i] ** 2) / len(sizes))),
-                "unit": unit,
-            }
+            size, std = mean_amplitude(sizes[:, i], spreads[:, i])
+            found[name] = {"value": size, "std": std, "unit": unit}
         return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import Model, Scene, Term, Unknown, WaveColumn
+from drillenv.diagnosis.terms import Model, Scene, Term, Unknown, WaveColumn, mean_amplitude
 from drillenv.dynamics.hybrid.sensitivity import ON_INDENTER, ON_SHAKER, ON_STIFFNESS
 
 TWO_PI = 2.0 * math.pi
@@ -102,8 +102,7 @@ class Sinusoid(Term):
             }
         }
         for i, channel in enumerate(self.channels):
-            size = float(np.sqrt(np.mean(np.sum(sizes[:, i] ** 2, axis=1))))
-            std = float(np.sqrt(np.mean(spreads[:, i] ** 2) / len(sizes)))
+            size, std = mean_amplitude(sizes[:, i], spreads[:, i])
             found[channel.name] = {"value": size, "std": std, "unit": channel.unit}
         return found
 

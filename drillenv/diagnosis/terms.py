@@ -120,6 +120,12 @@ class Unknown(NamedTuple):
     unit: str = "1"
 
 
+def mean_amplitude(waves: Floats, spread: Floats) -> tuple[float, float]:
+    """Root mean square amplitude of sines and cosines (n, 2) with these standard deviations, and its own."""
+    size = float(np.sqrt(np.mean(np.sum(waves**2, axis=1))))
+    return size, float(np.sqrt(np.mean(spread**2) / len(waves)))
+
+
 @dataclass(frozen=True)
 class Term:
     """A part of the model with parameters: the paper's constants, a law, a filter."""

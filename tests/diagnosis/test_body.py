@@ -17,8 +17,7 @@ from drillenv.diagnosis.body import ForceBalance, autoregression, columns_of, eq
 from drillenv.diagnosis.body_channels import prepare
 from drillenv.diagnosis.body_diagnosis import begin, diagnose_body, stretches_of
 from drillenv.diagnosis.body_rig import BodyRig, Scale, law_of_body
-from drillenv.diagnosis.drill_identification import kind_of_spring
-from drillenv.diagnosis.laws import Curve
+from drillenv.diagnosis.laws import Curve, kind_of_spring
 from drillenv.dynamics.constitutive.places import DRIVE
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign, Channel, Nominal, QualityFinding, Recording, check_quality, read_campaign
@@ -329,6 +328,20 @@ def _quintic(made, size):
 def _clinging(made, size):
     speed = made.scale["speed"]
     return lambda x, v: 2 * size * np.tanh(300 * v / speed) * np.exp(-np.abs(v) / (0.1 * speed)), "dry-friction"
+
+
+@pytest.mark.slow
+def test_a_spring_that_saturates_is_named():
+    made = body_of(np.random.default_rng(33), "shaken")
+    law, mechanism = _softening(made, 0.08 * made.scale["force"])
+    made.extra = lambda time, position, velocity: -law(position, velocity)
+    record = diagnose_body(campaign_of(made)).record
+    assert record["verdict"] == "missing-physics"
+    (finding,) = record["findings"]
+    assert finding["mechanism"] == mechanism
+    # what looks alike comes with what to record
+    assert bool(finding["equivalents"]) == ("separate" in finding["evidence"])
+    assert record["explained"]["interval"][0] > 0.95
 
 
 @pytest.mark.slow

@@ -94,8 +94,8 @@ class VanDerPol:
 
         return [family("restoring force", POSITION), family("drag", SPEED)]
 
-    def candidates(self, fitted, detail=1):
-        return self.laws(fitted, self.axes, detail)
+    def candidates(self, fitted):
+        return self.laws(fitted, self.axes, 1)
 
     def at_own_frequency(self, fitted, there, pool):
         return []

@@ -226,6 +226,8 @@ class Effect:
     """The same on a one-body rig; starts are in units of the body's typical force, travel and speed."""
     body_sentence: str = ""
     """What is said of a single body, where ``sentence`` speaks of the drilling rig."""
+    body_told_apart: str = ""
+    """What to record of a single body to tell it from what looks alike."""
     body_constant: str = ""
     """The constant of a one-body law that says the same, where a lab states it."""
     counted: Callable[[tuple[float, ...]], float] | None = None

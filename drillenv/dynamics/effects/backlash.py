@@ -33,6 +33,7 @@ EFFECT = Effect(
     energy="stores",
     laws={"spring-from-rest": _law},
     on_body=_on_body,
+    body_told_apart="record travels of several sizes about the same middle",
     body_sentence="The spring on the body has play: over a part of its travel its force does not grow.",
     forms=(
         Form(

@@ -26,6 +26,7 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="none",
     measure=_measure,
+    body_told_apart="record faster motions, where a lag and a damper part ways",
     stage=3,
     needs_fine=True,
 )

@@ -25,6 +25,7 @@ EFFECT = Effect(
     energy="loses",
     laws={"damper": _law},
     on_body=_on_body,
+    body_told_apart="record at two speeds that differ by a factor of three or more",
     body_sentence="The damping of the body grows with its speed.",
     forms=(Form("quadratic", ("c2",), ((500.0,),)),),
     body_forms=(Form("quadratic", ("c2",), ((0.1,),)),),

@@ -20,6 +20,7 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="loses",
     on_body=_on_body,
+    body_told_apart="record at two speeds that differ by a factor of three or more",
     body_constant="coulomb",
     body_forms=(Form("coulomb", ("fc",), ((0.1,),)),),
 )

@@ -40,6 +40,7 @@ EFFECT = Effect(
     energy="moves",
     laws={"drive-curve": _drive_law, "spring": _spring_law},
     on_body=_on_body,
+    body_told_apart="record forces of several sizes",
     body_sentence="The force on the body saturates: beyond a certain size less arrives than is applied.",
     forms=(
         Form("clipped", ("F_max",), ((200.0,), (280.0,), (380.0,))),

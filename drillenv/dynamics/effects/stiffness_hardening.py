@@ -36,6 +36,7 @@ EFFECT = Effect(
     energy="stores",
     laws={"spring": _law},
     on_body=_on_body,
+    body_told_apart="record travels of several sizes about the same middle",
     body_sentence="The spring on the body does not follow a straight line: its stiffness changes with the deflection.",
     forms=(Form("cubic", ("k3",), ((3e9,),)),),
     body_forms=(Form("cubic", ("k3",), ((0.1,),)),),

@@ -18,6 +18,7 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="loses",
     on_body=_on_body,
+    body_told_apart="record at two speeds that differ by a factor of three or more",
     body_constant="damping",
     body_forms=(Form("linear", ("d",), ((0.1,),)),),
 )
