@@ -40,6 +40,7 @@ from drillenv.diagnosis.laws import (
     normalised,
     odd_with_step,
 )
+from drillenv.diagnosis.selection import best_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis, Term, Unknown, mean_amplitude
@@ -288,9 +289,9 @@ class BodyRig:
         found = []
         if "spring" not in there and self.scale.travel > 0.0:
             span = float(np.ptp(self.axes.points(SPRING)))
-            made = [self.ripple(span / count) for count in RIPPLES]
-            gains = [gain_of(fitted, each.terms[0], self.axes) for each in made]
-            found.append(replace(made[int(np.argmax(gains))], tried=RIPPLES.size))
+            lengths = span / RIPPLES
+            best = best_frequency(fitted, lengths, lambda length: self.ripple(length).terms[0], pool)
+            found.append(replace(self.ripple(float(lengths[best])), tried=RIPPLES.size))
         if "tone" not in there:
             tone = self.tone(fitted)
             found += [] if tone is None else [tone]
@@ -460,16 +461,6 @@ def bent(basis: Floats, x: Floats) -> Floats:
     """Functions (m, GRID) less what is straight in them over x (GRID,)."""
     straight = np.linalg.qr(np.column_stack([np.ones(GRID), x]))[0]
     return normalised(basis - (basis @ straight) @ straight.T)
-
-
-def gain_of(fitted: Fitted, term: Term, axes: Axes) -> float:
-    """About the log-likelihood that a term would gain beside a fit."""
-    left, made = [], []
-    for block in fitted.blocks:
-        left.append(block.residual(fitted.values))
-        made.append(BodyRig.weighed(block, columns_of(term, block.data.body, axes)))
-    found = np.linalg.lstsq(np.concatenate(made, axis=1).T, np.concatenate(left))[0]
-    return float(found @ np.concatenate(made, axis=1) @ np.concatenate(left))
 
 
 def law_of_body(campaign: Campaign, forced: bool, mass: float, scale: Scale) -> tuple[Forces, tuple[str, ...]]:
