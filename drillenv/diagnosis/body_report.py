@@ -361,7 +361,7 @@ class BodyReport:
             evidence["beside_a_free_lag"] = self.beside_lag(first)
         alike = sorted({name for step in steps for name in equivalents(step)} - {mechanism})
         if alike:
-            advice = [REGISTRY[name].body_told_apart for name in (mechanism, *alike)]
+            advice = [REGISTRY[name].body_told_apart for name in (mechanism, *alike) if name in REGISTRY]
             evidence["separate"] = [text for text in dict.fromkeys(advice) if text]
         entry: dict[str, Any] = {
             "mechanism": mechanism,
