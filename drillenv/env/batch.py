@@ -7,6 +7,7 @@ last bit.
 from __future__ import annotations
 
 import os
+import time
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
@@ -117,6 +118,9 @@ class Batch:
         self.threads = min(threads, -(-n // CHUNK))
         self.hybrid_threads = min(threads, n)
         """Threads for rigs on the hybrid engine, which take so long that each is a task of its own."""
+        self._took = np.zeros(n)
+        """Seconds that the last interval of each rig on the hybrid engine took: the longest begins, so that threads end
+        together."""
         self._pool: ThreadPoolExecutor | None = None
         self._pool_of = 0
         """The process that the threads belong to."""
@@ -179,6 +183,7 @@ class Batch:
             for i in mine:
                 self._step_one(i, actions, increment, noise)
             return rest
+        mine.sort(key=lambda i: -self._took[i])
         pool = self._threads()
         for done in wait([pool.submit(self._step_one, i, actions, increment, noise) for i in mine]).done:
             done.result()
@@ -190,7 +195,9 @@ class Batch:
         plants, setting = self.plants, np.empty(3)
         set_from_action(actions[i], increment, plants.memories[i], setting)
         turns = plants.states[i, TURNS] + plants.states[i, THETA] / TURN
+        begun = time.perf_counter()
         self.hybrid[i].drill(setting, sums, peaks, self.windows[i])
+        self._took[i] = time.perf_counter() - begun
         results = (self.truths, self.readings, self.rewards)
         finish(plants, i, turns, sums, peaks, cycles, self.weights, noise, self.task.noise, *results)
 

@@ -50,6 +50,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     GRIP1,
     LAWS,
     LONGEST,
+    MOVING,
     OMEGA,
     ORIGIN,
     PLACE,
@@ -65,6 +66,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     SLIDE2,
     TALLY,
     THETA,
+    U,
     UD,
     V1,
     V2,
@@ -208,12 +210,16 @@ def stays_off(m: np.ndarray, h: float, on_it: bool, size: float, scratch: np.nda
 def read_guard(m: np.ndarray, d: np.ndarray, code: int, h: float, s: float, scratch: np.ndarray) -> float:
     """A guard on the polynomial inside the trial step, s after its beginning."""
     apart()
+    if code in (LANDING, RELEASE):
+        at = inside_one(W, s / h, scratch)
+        return at if code == LANDING else -at
+    if code in (TURNING, RETURNING):
+        into = inside_one(V2, s / h, scratch) - (inside_one(UD, s / h, scratch) if m[MOVING] > U else 0.0)
+        return into if code == RETURNING else -into
     if code < BREAKING_UP:
-        # what guards of the contact and of a sliding mass read
-        for i in range(V1, UD + 1):
-            scratch[SPARE, i] = inside_one(i, s / h, scratch)
-    else:
-        inside(int(m[TALLY]), s / h, scratch, SPARE)
+        mass = code - STOPPING
+        return -d[SLIDE1 + mass] * inside_one(V1 + mass, s / h, scratch)
+    inside(int(m[TALLY]), s / h, scratch, SPARE)
     return guard(m, d, code, s, SPARE, scratch)
 
 

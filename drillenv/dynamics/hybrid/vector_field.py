@@ -362,7 +362,7 @@ def extra_forces(m, d, regime: int, shift: float, theta: float, law: float, driv
         place = law_at(m, i, PLACE)
         if place <= UNLOADING or place == COMPACTION or (regime == FREE and place <= RATE_FORCE):
             continue
-        value = value_at(m, d, i, argument(m, d, i, z, theta))
+        value = value_at(m, d, i, drive if place == DRIVE else argument(m, d, i, z, theta))
         power = given + law_at(m, i, EFFECT)
         if place <= RATE_FORCE:
             value *= law if place == RATE_FACTOR else 1.0
@@ -455,15 +455,16 @@ def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
     for i in range(int(m[EFFECTS])):
         dz[tally + BY_EFFECTS + i] = 0.0
     law = law_force(m, d, regime, z[W])
-    drive, spring, damper = m[F_A] * sine_cosine(theta)[0], m[K] * z[Y], m[C] * closing
+    drive, damper = m[F_A] * sine_cosine(theta)[0], m[C] * closing
+    inner = fma(m[K], z[Y], damper)
     rock, on_shaker, on_indenter, on_mount, push[WHOLE] = law, 0.0, 0.0, 0.0, law
     if m[BUSY if regime == FREE else BUSY_ON_ROCK] > 0.0:
         rock, on_shaker, on_indenter, on_mount = extra_forces(m, d, regime, shift, theta, law, drive, z, dz, push)
-    push[PUSHED] = m[F_B] - spring - damper + on_shaker
-    push[PUSHED + 1] = drive + spring + damper - rock + on_indenter
+    # in the order in which the numbers come, and by products in place of quotients: there is always one to wait for
+    one, two = (m[F_B] + on_shaker) - inner, ((drive + on_indenter) - rock) + inner
+    push[PUSHED], push[PUSHED + 1] = one, two
     dz[Y], dz[W], dz[U], dz[UD], dz[Q] = closing, into, ud, 0.0, 0.0
-    # by a product, since a quotient has to be waited for
-    dz[V1], dz[V2] = push[PUSHED] * (1.0 / m[M1]), push[PUSHED + 1] * (1.0 / m[M2])
+    dz[V1], dz[V2] = one * (1.0 / m[M1]), two * (1.0 / m[M2])
     if m[MOVING] > U:
         dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * z[U] - m[MOUNT_DAMPING] * ud - on_mount
         dz[Q] = m[AIR_STIFFNESS] * v1 - m[AIR_RATE] * z[Q]
