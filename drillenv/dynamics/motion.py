@@ -89,9 +89,9 @@ def motion(
     flows between switches: the rock force is continuous at each switch, so a switch adds at most the change of
     coordinate from Xp to Xf.
 
-    With effects the same is done on the hybrid engine, a hundred times slower: the derivative is then made of central
-    differences of the map, so that multipliers carry about five digits, and the exponent of what has no period comes
-    from two runs side by side. Where the rock compacts, the motion is that on the compacted rock. An air spring is
+    With effects the same is done on the hybrid engine, some tens of times slower: the map's derivative is then that of
+    the variational equations with saltation, and the exponent of what has no period comes from two runs side by side.
+    Where the rock compacts, the motion is that on the compacted rock. An air spring is
     given five times its ``tau`` to come to rest, but no longer than eight times the patience: with a ``tau`` of
     minutes, what is found may be a motion on the way.
 

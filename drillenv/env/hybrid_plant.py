@@ -25,7 +25,7 @@ from drillenv.dynamics.exact import ORIGIN, REGIME, THETA, TURNS, set_phase
 from drillenv.dynamics.flow import AMPLITUDE, FREE, KERNEL, LOADING, STATIC, STIFFNESS, UNLOADING, sine_cosine
 from drillenv.dynamics.flow import OMEGA as ROW_OMEGA
 from drillenv.dynamics.hybrid import vector_field as V
-from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare, read_state
+from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare, read_speed, read_state
 from drillenv.dynamics.hybrid.compiled import NO, YES, constants
 from drillenv.dynamics.hybrid.events import set_factor, shift_origin
 from drillenv.dynamics.hybrid.model import LONGEST_SHARE, Motion, fresh_motion, model_for
@@ -133,10 +133,9 @@ def read_samples(m, d, scratch, memory, first, spacing, index, samples, now, tak
     """Read the samples and rows of the window that lie in the step just taken. Returns how many there are by now."""
     while index < samples and first + index * spacing < following:
         shift = min(max(first + index * spacing - now, 0.0), taken)
-        read_state(m, shift, NO, scratch)
+        speed, acceleration = read_speed(m, shift, scratch)
         theta = scratch[BEGIN_D, V.THETA] + m[V.OMEGA] * shift
-        power = m[V.F_A] * sine_cosine(theta)[0] * scratch[SPARE, V.V2]
-        add_sample(scratch[SPARE_SLOPE, V.V2], power, index, sums)
+        add_sample(acceleration, m[V.F_A] * sine_cosine(theta)[0] * speed, index, sums)
         index += 1
     columns = window.shape[0]
     while column < columns and (column + 1) * INTERVAL <= following * columns * (1.0 + 1e-12):

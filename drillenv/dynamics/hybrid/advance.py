@@ -53,6 +53,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     copy,
     follow,
     inside,
+    inside_rate,
     step,
     step_error,
 )
@@ -305,6 +306,14 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
 
 
 @njit(**INNER)
+def be_ready(m: np.ndarray, scratch: np.ndarray):
+    """Prepare what is read off the step just taken, where it has not been."""
+    if scratch[FLAGS, READY] == 0.0:
+        follow(m, scratch[BEGIN_D], scratch[FLAGS, LENGTH], scratch)
+        scratch[FLAGS, READY] = 1.0
+
+
+@njit(**INNER)
 def read_state(m: np.ndarray, s: float, exact: bool, scratch: np.ndarray) -> float:
     """The state a time s into the step just taken, to row ``SPARE``, its slope to ``SPARE_SLOPE``.
 
@@ -317,8 +326,16 @@ def read_state(m: np.ndarray, s: float, exact: bool, scratch: np.ndarray) -> flo
         copy(scratch[END], scratch[SPARE])
         copy(scratch[STAGES], scratch[SPARE_SLOPE])
         return rock
-    if scratch[FLAGS, READY] == 0.0:
-        follow(m, d, length, scratch)
-        scratch[FLAGS, READY] = 1.0
+    be_ready(m, scratch)
     inside(int(m[TALLY]), s / length, scratch, SPARE)
     return rates(m, d, s, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
+
+
+@njit(**INNER)
+def read_speed(m: np.ndarray, s: float, scratch: np.ndarray):
+    """The indenter's speed a time s into the step just taken and its acceleration, by the step's polynomial alone.
+
+    The acceleration is then of an order less, at half the cost of :func:`read_state`.
+    """
+    be_ready(m, scratch)
+    return inside_rate(V2, s / scratch[FLAGS, LENGTH], scratch[FLAGS, LENGTH], scratch)

@@ -66,12 +66,12 @@ from drillenv.dynamics.hybrid.vector_field import (
     SLIDE2,
     TALLY,
     THETA,
-    U,
     UD,
     V1,
     V2,
     WHERE,
     WHOLE,
+    U,
     W,
     argument,
     argument_rate,
@@ -211,14 +211,15 @@ def read_guard(m: np.ndarray, d: np.ndarray, code: int, h: float, s: float, scra
     """A guard on the polynomial inside the trial step, s after its beginning."""
     apart()
     if code in (LANDING, RELEASE):
-        at = inside_one(W, s / h, scratch)
-        return at if code == LANDING else -at
+        place = inside_one(W, s / h, scratch)
+        return place if code == LANDING else -place
     if code in (TURNING, RETURNING):
         into = inside_one(V2, s / h, scratch) - (inside_one(UD, s / h, scratch) if m[MOVING] > U else 0.0)
         return into if code == RETURNING else -into
     if code < BREAKING_UP:
         mass = code - STOPPING
-        return -d[SLIDE1 + mass] * inside_one(V1 + mass, s / h, scratch)
+        speed = inside_one(V1 + mass, s / h, scratch)
+        return float(-d[SLIDE1 + mass] * speed)
     inside(int(m[TALLY]), s / h, scratch, SPARE)
     return guard(m, d, code, s, SPARE, scratch)
 

@@ -195,3 +195,16 @@ def inside_one(i: int, share: float, scratch: np.ndarray) -> float:
     total = ((total + scratch[WAY + 4, i]) * share + scratch[WAY + 3, i]) * rest
     total = ((total + scratch[WAY + 2, i]) * share + scratch[WAY + 1, i]) * rest
     return scratch[BEGIN, i] + (total + scratch[WAY, i]) * share
+
+
+@njit(**INLINED)
+def inside_rate(i: int, share: float, h: float, scratch: np.ndarray):
+    """One state and its time derivative at a share of the step over ``h`` that was prepared by :func:`follow`."""
+    total, slope, rest = 0.0, 0.0, 1.0 - share
+    for power in range(6, -1, -1):
+        total += scratch[WAY + power, i]
+        if power % 2 == 0:
+            slope, total = slope * share + total, total * share
+        else:
+            slope, total = slope * rest - total, total * rest
+    return scratch[BEGIN, i] + total, slope / h

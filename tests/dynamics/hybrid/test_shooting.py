@@ -141,7 +141,7 @@ WAYS = (1.0, -1.0)
 def by_states(effects, model, begin):
     found = []
     for state in range(V.OWN if model.s[V.MOUNT_SQUARE] else 4):
-        step = (1e-9, 1e-6, 1e-6, 1e-10, 1e-10, 1e-6, 1e-4)[state]
+        step = (1e-9, 1e-6, 1e-6, 1e-9, 1e-10, 1e-6, 1e-4)[state]
         pair = []
         for way in WAYS:
             moved = begin.copy()
