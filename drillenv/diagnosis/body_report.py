@@ -16,6 +16,7 @@ from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
+from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.findings import deviations, equivalents, form_of, parameters_of_equation, rejected
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
@@ -33,9 +34,6 @@ from drillenv.recordings import Campaign, QualityFinding
 
 STRUCK = 1.3
 """Mean square over the noise from which a recording differs from the law."""
-DRAWS = 2000
-"""Of recordings, for an interval."""
-SEED = 20_190_419
 ARGUMENTS = {
     SPRING: ("position", "m"),
     DAMPER: ("velocity", "m/s"),
@@ -56,7 +54,7 @@ class BodyOutcome:
     """Of each recording, filtered: the measured side of the balance before and after, and the motion."""
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """agrees, parameters, missing-physics or unexplained."""
         return self.record["verdict"]
 
@@ -156,32 +154,18 @@ class BodyReport:
         return Evidence(2.0 * (other.cost - self.final.cost) / total, left_out, p, exact, force)
 
     @cached_property
-    def explained(self) -> dict[str, Any]:
-        """Share of the mismatch that the mechanisms explain, of rows left out of the fit, with an interval."""
-        before, after = self.mismatch(self.plain if self.steps else self.believed), self.mismatch(self.final)
-        rng = np.random.default_rng(SEED)
-        drawn = rng.integers(before.size, size=(DRAWS, before.size))
-        totals = before[drawn].sum(axis=1)
-        shares = 1.0 - after[drawn].sum(axis=1) / np.where(totals > 0.0, totals, np.inf)
-        low, high = np.percentile(shares, [2.5, 97.5])
-        share = 1.0 - float(after.sum()) / float(before.sum()) if before.sum() > 0.0 else 0.0
-        return {"share": min(share, 1.0), "interval": [float(low), min(float(high), 1.0)]}
+    def explained(self) -> Explained:
+        """Share of the mismatch that the mechanisms explain, or constants where there are none."""
+        before = self.mismatch(self.plain if self.steps else self.believed)
+        return explained(before, self.mismatch(self.final), "rows left out of the fit")
 
     # --- the verdict
 
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """In one word."""
-        outside = [step for step in self.steps if step.family.outside]
+        outside = any(step.family.outside for step in self.steps)
         left = self.left_share() > LEFT and self.excess() > SLIGHT * self.size
-        if outside:
-            return "unexplained"
-        if not self.steps:
-            if left and self.explained["share"] < WELL_EXPLAINED:
-                return "unexplained"
-            return "parameters" if self.off else "agrees"
-        if left and self.explained["interval"][0] < WELL_EXPLAINED:
-            return "unexplained"
-        return "missing-physics"
+        return classify(bool(self.steps), outside, bool(self.off), left, self.explained)
 
     def left_share(self) -> float:
         """What is left beyond the noise, over it, in squares."""
@@ -295,7 +279,7 @@ class BodyReport:
             effects = [REGISTRY[name] for name in self.mechanisms]
             balance = "sensor" if effects[0].balances == ("sensor",) else "body"
             text = " ".join(effect.body_sentence or effect.sentence for effect in effects)
-            text += f" {accounted(self.explained)}"
+            text += f" {self.explained.sentence}"
             text += f" {self.rest['summary']}" if self.left_share() > LEFT else ""
         elif verdict == "parameters":
             text = "Constants that are off by several of their tolerances explain it."
@@ -575,7 +559,7 @@ class BodyReport:
             "findings": found,
             "parameters": self.parameters() if explained else {},
             "bookkeeping": [],
-            "explained": self.explained,
+            "explained": self.explained.record,
             "fit": self.fit(),
             "rejected": self.rejected(),
             "next": [],
@@ -592,13 +576,6 @@ class BodyReport:
             "effects": [effect for each in found for effect in effects_of(each)],
         }
         return BodyOutcome(record, model, tuple(self.wave(body) for body in self.bodies))
-
-
-def accounted(explained: dict[str, Any]) -> str:
-    """How much of the mismatch was explained, in a sentence."""
-    low, high = (100.0 * each for each in explained["interval"])
-    share = f"{100.0 * explained['share']:.3g} % of the mismatch on rows left out of the fit"
-    return f"This accounts for {share} (95 % interval {low:.3g} to {high:.3g} %)."
 
 
 def effects_of(finding: dict[str, Any]) -> list[dict[str, Any]]:

@@ -21,10 +21,11 @@ from drillenv.diagnosis.sensing import Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.verdict import Outcome, Settled, wrong_constants
+from drillenv.diagnosis.verdict import Outcome, Settled, settled_of, wrong_constants
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.hybrid import vector_field as V
+from drillenv.recordings import Campaign
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
 
@@ -147,9 +148,8 @@ def equivalents(step: Step) -> list[str]:
 def visited(outcome: Outcome) -> Visited:
     """What all recordings visit, by the model that was found."""
     final = outcome.final
-    fitted = [Settled(*each, final.fit.shared) for each in zip(final.blocks, final.fit.own, strict=True)]
     paths, drive, rest, frequencies = [], 0.0, [], []
-    for block, own, shared in (*fitted, *outcome.held_fits[1]):
+    for block, own, shared in (*settled_of(final), *outcome.held_fits[1]):
         model = block.hypothesis.model(shared * block.widths, block.scene)
         paths.append(block.path(model, own))
         drive = max(drive, float(model.s[V.F_A]))
@@ -168,6 +168,12 @@ def median_depth(outcome: Outcome) -> float:
         depths.append(path[V.W][loading])
     every = np.concatenate(depths)
     return float(np.median(every)) if every.size else 1e-5
+
+
+def stated(campaign: Campaign) -> Corrected:
+    """The model as the lab states it."""
+    values = [campaign.nominal[name].value or 0.0 for name in NAMES]
+    return Corrected(Rig(*values[:6]), Rock(*values[6:8], name="stated"))
 
 
 def corrected(outcome: Outcome) -> Corrected:
@@ -219,10 +225,10 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
 def excess(outcome: Outcome) -> list[dict[str, Any]]:
     """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime."""
     cells = []
-    for block, own in zip(outcome.plain.blocks, outcome.plain.fit.own, strict=True):
-        values = outcome.plain.values
-        raw = block.integrate(block.hypothesis.model(values, block.scene), own)
-        left = block.residual(values, raw.said, own)[:, block.wait :]
+    for settled in settled_of(outcome.plain):
+        block, own, _shared = settled
+        raw = block.integrate(block.hypothesis.model(outcome.plain.values, block.scene), own)
+        left = whitened(settled)
         force = raw.said[0, :: block.over][block.steady]
         rising = np.gradient(force) > 0.0
         for regime, mask in zip(CELLS, (force <= 0.0, (force > 0.0) & rising, (force > 0.0) & ~rising), strict=True):
@@ -260,7 +266,7 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
             "balance": effects[0].balances[0],
             "regimes": list(effects[0].regimes),
             "recordings": struck,
-            "summary": " ".join(effect.sentence for effect in effects),
+            "summary": " ".join([*(effect.sentence for effect in effects), outcome.explained.sentence]),
         }
     known = [step.family.outside for step in outcome.steps if step.family.outside]
     if known:
@@ -273,7 +279,8 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
     text = f"Most of what is left is in the {channel}, {regime}."
     if outcome.steps:
         nearest = " and ".join(step.named.mechanism for step in outcome.steps)
-        text += f" {nearest} comes nearest, and does not explain it."
+        share = 100.0 * max(outcome.explained.share, 0.0)
+        text += f" {nearest} comes nearest, with {share:.2g} % of it on {outcome.explained.of}."
     return {
         "balance": "contact" if channel == "force" and regime != "no contact" else "indenter",
         "regimes": [regime],
@@ -303,6 +310,30 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
             "after": root(held[1] if held else None),
         },
     }
+
+
+def rest(outcome: Outcome) -> dict[str, Any]:
+    """What is left beyond the noise, of recordings held out where there are any."""
+    channels, words = {}, []
+    every = outcome.held_fits[1] or settled_of(outcome.final)
+    left = [(each.block.measured - reading(each))[:, each.block.steady] for each in every]
+    whole = np.concatenate([each.block.measured[:, each.block.steady] for each in every], axis=1)
+    white = np.concatenate([whitened(each) for each in every], axis=1)
+    for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2"))):
+        over = float(np.mean(white[j] ** 2))
+        root = float(np.sqrt(np.mean(np.concatenate([each[j] for each in left]) ** 2)))
+        excess, size = root * math.sqrt(max(1.0 - 1.0 / over, 0.0)), float(np.std(whole[j]))
+        channels[channel] = {"excess": excess, "unit": unit, "of_signal": excess / size, "over_noise": over}
+        words.append(f"{excess:.2g} {unit} ({100.0 * excess / size:.2g} % of the {channel})")
+    text = f"{' and '.join(words)} beyond the noise are left on {outcome.explained.of}."
+    return {"summary": text, "channels": channels, "shapes": [], "lines": []}
+
+
+def whitened(settled: Settled) -> Floats:
+    """(2, n) residuals over the noise, where both channels are judged."""
+    block, own, shared = settled
+    raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own)
+    return block.residual(shared * block.widths, raw.said, own)[:, block.wait :]
 
 
 def rejected(steps: Sequence[Step], tested: Tested) -> list[dict[str, str]]:
@@ -336,15 +367,7 @@ def remarks(outcome: Outcome) -> list[str]:
 def waves(outcome: Outcome) -> tuple[Wave, ...]:
     """Force and acceleration of every recording, with what was believed and what was found."""
     made = []
-    fitted = [
-        (
-            Settled(one, before, outcome.plain.fit.shared),
-            Settled(two, after, outcome.final.fit.shared),
-        )
-        for one, two, before, after in zip(
-            outcome.plain.blocks, outcome.final.blocks, outcome.plain.fit.own, outcome.final.fit.own, strict=True
-        )
-    ]
+    fitted = list(zip(settled_of(outcome.plain), settled_of(outcome.final), strict=True))
     held = list(zip(*outcome.held_fits, strict=True))
     for i, (before, after) in enumerate([*fitted, *held]):
         block = after.block
@@ -377,6 +400,8 @@ def record_of(outcome: Outcome, faults: Mapping[str, Any] | list[str]) -> dict[s
         "findings": findings(outcome) if explained else [],
         "parameters": parameters(outcome.final) if explained else {},
         "bookkeeping": [],
+        "explained": outcome.explained.record if outcome.steps else None,
+        "rest": rest(outcome),
         "fit": quality_of_fit(outcome),
         "rejected": rejected(outcome.steps, outcome.tested),
         "next": [],

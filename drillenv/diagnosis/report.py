@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from drillenv.checks import InputError, shown
-from drillenv.corrected import Corrected, model_record
+from drillenv.corrected import model_record
 from drillenv.diagnosis.body_diagnosis import diagnose_body
-from drillenv.diagnosis.findings import corrected, record_of, waves
+from drillenv.diagnosis.findings import corrected, record_of, stated, waves
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.verdict import diagnose_drill
 from drillenv.files import whole
@@ -90,7 +90,7 @@ def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], 
     if len(kept) < len(campaign.recordings):
         campaign = replace(campaign, recordings=kept)
     outcome = diagnose_drill(campaign, note)
-    model = Corrected() if outcome.verdict == "unexplained" else corrected(outcome)
+    model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
     record = record_of(outcome, [str(each) for each in faults])
     return Report(campaign.title, record, model_record(model), waves(outcome))
 

@@ -21,9 +21,6 @@ trial's rules ask for laws within a tenth."""
 LAW_LEFT = 0.1
 """Relative error of a law that was found, as coarse as it is fitted: what that leaves, a share LAW_LEFT^2 of its gain,
 calls for nothing further."""
-LEFT_OF_ALL = 2.0 * LAW_LEFT**2
-"""Over-dispersion, as a share of what the paper's model leaves beyond the noise, that a law which is off in places may
-leave: it is seen there already where friction grips, which the integrator rounds."""
 UNCONFIRMED = 0.03
 """Share of a gain that may be lost on recordings that are left out: what is there gains on them, but for chance."""
 NEAR = 0.25

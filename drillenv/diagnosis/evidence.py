@@ -1,0 +1,67 @@
+"""What share of a mismatch is explained on recordings that were left out of the fit, and what verdict follows.
+
+A mismatch is by how much squares of whitened residuals exceed their expectation under the noise. Its parts (recordings,
+stretches of them) are drawn with replacement for an interval (B. Efron, Annals of Statistics 7 (1979) 1-26).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.thresholds import WELL_EXPLAINED
+
+Verdict = Literal["agrees", "parameters", "missing-physics", "unexplained"]
+DRAWS = 2000
+SEED = 20_190_419
+
+
+class Explained(NamedTuple):
+    """Share of a mismatch that is explained, with a 95 % interval."""
+
+    share: float
+    low: float
+    high: float
+    of: str
+    """Where, in words."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """As a report gives it."""
+        return {"share": self.share, "interval": [self.low, self.high], "of": self.of}
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        low, high = 100.0 * self.low, 100.0 * self.high
+        share = f"{100.0 * self.share:.3g} % of the mismatch on {self.of}"
+        return f"This accounts for {share} (95 % interval {low:.3g} to {high:.3g} %)."
+
+
+def explained(before: Floats, after: Floats, of: str) -> Explained:
+    """How much of a mismatch is gone: (parts,) of it before and after; ``of`` says in words what the parts are of."""
+    drawn = np.random.default_rng(SEED).integers(before.size, size=(DRAWS, before.size))
+    totals = before[drawn].sum(axis=1)
+    shares = 1.0 - after[drawn].sum(axis=1) / np.where(totals > 0.0, totals, np.inf)
+    low, high = np.percentile(shares, [2.5, 97.5])
+    share = 1.0 - float(after.sum()) / float(before.sum()) if before.sum() > 0.0 else 0.0
+    return Explained(min(share, 1.0), min(float(low), 1.0), min(float(high), 1.0), of)
+
+
+def classify(found: bool, outside: bool, off: bool, left: bool, gone: Explained) -> Verdict:
+    """The verdict.
+
+    Args:
+        found: Whether mechanisms hold.
+        outside: Whether one of them is none of the library's.
+        off: Whether constants are off by several of their tolerances.
+        left: Whether more is left than the noise and what nobody would ask about.
+        gone: What is explained of the mismatch.
+    """
+    if outside or (left and (gone.low if found else gone.share) < WELL_EXPLAINED):
+        return "unexplained"
+    if found:
+        return "missing-physics"
+    return "parameters" if off else "agrees"
