@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -11,9 +12,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
+from drillenv.diagnosis.bookkeeping import FEWEST, STANDS_OUT, Label, with_labels_checked
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import Recorded, first_states, resized
+from drillenv.diagnosis.drill import PRESSURE_LABEL, Recorded, first_states, resized
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
@@ -65,6 +67,8 @@ class Outcome:
     held_fits: tuple[list[Settled], list[Settled]]
     """Blocks with their own unknowns, before and after."""
     explained: Explained
+    labels: list[Label]
+    """Labels that were put right."""
 
 
 def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
@@ -78,6 +82,24 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         entry = campaign.nominal.get(name)
         if entry is None or entry.value is None or entry.std is None:
             raise InputError(f"nominal lacks {name}: give its value and standard deviation, which the model needs")
+    campaign, labels = with_labels_checked(campaign)
+    for label in labels:
+        say(label.sentence)
+    outcome = searched(campaign, say)
+    alone = standing_alone(outcome)
+    if outcome.verdict == "unexplained" and alone is not None:
+        say(f"{alone} disagrees more than all the others together: once more without it")
+        rest = tuple(each for each in campaign.recordings if each.name != alone)
+        again = searched(replace(campaign, recordings=rest), say)
+        if again.verdict != "unexplained":
+            # what was put right of it has not helped
+            labels = [each for each in labels if each.recording != alone]
+            outcome, labels = again, [*labels, Label(alone, "use", "fit", "set aside", None)]
+    return replace(outcome, labels=[*labels, *other_pressures_fitted(outcome)])
+
+
+def searched(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
+    """The verdict on recordings as they are labelled."""
     rig = nominal_rig(campaign)
     data = [condition(each, rig) for each in campaign.recordings]
     late = common_lag(data, rig)
@@ -88,30 +110,71 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     held_data = [each for i, each in enumerate(data) if i in held]
     # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
     with threadpool_limits(1), ThreadPoolExecutor(CORES) as pool:
-        say("fitting the paper's model")
-        begun = plain_fit(campaign, [each.first(STRETCH) for each in fit_data], pool)
-        say(f"reduced chi-square {begun.per_freedom:.3f}")
-        stretches = [block.data for block in begun.blocks]
-        found, steps, tested = forward(stretches, begun, pool, say)
-        say("fitting whole recordings")
-        whole = extended(fit_data, found, pool)
-        say(f"reduced chi-square {whole.per_freedom:.3f}")
-        final = whole
-        # a model that does not hold where its stretches go on is not mended by more families
-        if whole.per_freedom < CLOSE:
-            final, steps, tested = forward(fit_data, whole, pool, say, steps, tested)
-        final = polished(fit_data, final, pool)
+        begun, plain, final, steps, tested = selected(campaign, fit_data, pool, say)
         after = before = evaluated(held_data, final, pool)
-        plain = final
-        if steps:
-            plain = whole if found is begun else resettled(fit_data, begun, final, pool)
+        if not steps:
+            plain = final
+        else:
+            plain = plain or resettled(fit_data, begun, final, pool)
             before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
     chi = (chi_square(before), chi_square(after)) if held_data else None
     missing = [step for step in steps if not step.family.constant]
     gone = share_explained(plain, final, before, after)
     verdict = decided(final, missing, chi, gone)
     named = [step.named for step in missing]
-    return Outcome(verdict, fit_data, held_data, plain, final, missing, named, tested, chi, (before, after), gone)
+    return Outcome(verdict, fit_data, held_data, plain, final, missing, named, tested, chi, (before, after), gone, [])
+
+
+class Selected(NamedTuple):
+    """What the search for families has come to."""
+
+    begun: Fitted
+    """The paper's model on stretches of the recordings."""
+    plain: Fitted | None
+    """The same on whole recordings, where it was fitted to them."""
+    final: Fitted
+    steps: list[Step]
+    tested: Tested
+
+
+def selected(campaign: Campaign, data: Sequence[Conditioned], pool: Executor, say: Callable[[str], object]) -> Selected:
+    """Families found on stretches of the recordings, then on all of them."""
+    say("fitting the paper's model")
+    begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
+    say(f"reduced chi-square {begun.per_freedom:.3f}")
+    stretches = [block.data for block in begun.blocks]
+    found, steps, tested = forward(stretches, begun, pool, say)
+    say("fitting whole recordings")
+    whole = extended(data, found, pool)
+    say(f"reduced chi-square {whole.per_freedom:.3f}")
+    final = whole
+    # a model that does not hold where its stretches go on is not mended by more families
+    if whole.per_freedom < CLOSE:
+        final, steps, tested = forward(data, whole, pool, say, steps, tested)
+    final = polished(data, final, pool)
+    return Selected(begun, whole if found is begun else None, final, steps, tested)
+
+
+def standing_alone(outcome: Outcome) -> str | None:
+    """The recording of which more is left beyond the noise than of all the others together, if there is one."""
+    every = [*settled_of(outcome.final), *outcome.held_fits[1]]
+    left = np.array([max(float(surplus([each]).sum()), 0.0) for each in every])
+    worst = int(np.argmax(left))
+    return every[worst].block.name if len(every) > FEWEST and 2.0 * left[worst] > left.sum() else None
+
+
+def other_pressures_fitted(outcome: Outcome) -> list[Label]:
+    """Pressures that a fit puts off their labels by much more than those of the other recordings."""
+    every = [*settled_of(outcome.final), *outcome.held_fits[1]]
+    off = np.array([own[block.windows * block.state_count(own)] for block, own, _shared in every])
+    found = []
+    for i, (block, _own, _shared) in enumerate(every):
+        others = max(1.0, float(np.sqrt(np.mean(np.delete(off, i) ** 2)))) if len(every) > FEWEST else math.inf
+        if abs(off[i]) > STANDS_OUT * others:
+            stated = block.scene.pressure
+            seems = stated * (1.0 + PRESSURE_LABEL * float(off[i]))
+            found.append(Label(block.name, "pressure", stated, seems, PRESSURE_LABEL * stated))
+    return found
 
 
 def nominal_rig(campaign: Campaign) -> Rig:

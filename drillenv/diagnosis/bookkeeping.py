@@ -1,0 +1,188 @@
+"""Labels of single recordings of the drilling rig that their samples contradict: amplitude, pressure, how they start.
+
+None of it needs a law of the rock. The excitation's channel has its amplitude. Over whole periods the mean force of the
+rock is the static force, but for what friction and offsets take of it: a straight line over the stated pressures, on
+which a recording with another pressure does not lie. A rig at rest against fresh rock is pressed against it from the
+first sample on, and stands still at the first peak of the force if it stood still before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import siegelslopes
+
+from drillenv.checks import InputError
+from drillenv.diagnosis.condition import fit_excitation, what_is_needed
+from drillenv.recordings import Campaign, Recording
+from drillenv.rig import AMPLITUDE_LIMITS, PRESSURE_LIMITS, Setting
+
+AMPLITUDE_OFF = 0.03
+"""Relative error of a stated amplitude from which it is wrong: labs read theirs to one per cent."""
+SETTLING = 0.1
+"""Seconds after which the relative motion of the masses at the start is over."""
+PRESSURE_SCATTER = 0.01
+"""Relative standard deviation of a stated pressure, at least: so well regulators are read, and offsets of load cells
+scatter."""
+STANDS_OUT = 6.0
+"""Standard deviations off the line of the others from which a pressure is another one."""
+NORMAL = 1.4826
+"""Standard deviations of a normal distribution in its median absolute deviation."""
+FEWEST = 4
+"""Recordings by which a line is known well enough to say that another is off it."""
+MOST_WRONG = 4
+"""At most one label in so many recordings is corrected; where more are off, it is not the labels."""
+PRESSED, AT_ONCE, STANDING = 0.05, 1e-3, 0.08
+"""Share of a usual peak that the force has not reached at rest; seconds by which an indenter at rest is pressed on;
+and m/s that errors of the sensors leave of its speed at the first peak."""
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label that the samples contradict, and what it is taken for."""
+
+    recording: str
+    field: str
+    """amplitude (V), pressure (bar), starts, or use where it disagrees and no label says why."""
+    stated: float | str
+    seems: float | str
+    std: float | None
+    """Standard deviation of what it seems to be, None of a word."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """As a report gives it."""
+        return {name: getattr(self, name) for name in ("recording", "field", "stated", "seems", "std")}
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        if self.field == "use":
+            return f"{self.recording}: it alone disagrees with what explains the others, and is set aside."
+        stated, seems = str(self.stated), str(self.seems)
+        if self.std is not None:
+            unit = {"amplitude": "V", "pressure": "bar"}[self.field]
+            stated, seems = f"{self.stated:.4g} {unit}", f"{self.seems:.4g} +- {self.std:.2g} {unit}"
+        return f"{self.recording}: its {self.field} is stated as {stated} and seems to be {seems}; it is taken so."
+
+
+def with_labels_checked(campaign: Campaign) -> tuple[Campaign, list[Label]]:
+    """A campaign of the drilling rig with labels put right where its samples contradict them, and those labels.
+
+    Raises:
+        InputError: a recording lacks a setting or a channel.
+    """
+    found = [*other_amplitudes(campaign.recordings), *other_starts(campaign.recordings)]
+    found += other_pressures(campaign.recordings)
+    by_name: dict[str, list[Label]] = {}
+    for label in found:
+        by_name.setdefault(label.recording, []).append(label)
+    recordings = tuple(put_right(each, by_name.get(each.name, [])) for each in campaign.recordings)
+    return replace(campaign, recordings=recordings), found
+
+
+def put_right(recording: Recording, labels: Sequence[Label]) -> Recording:
+    """The recording with other labels."""
+    for label in labels:
+        if label.field == "starts":
+            recording = replace(recording, starts=str(label.seems))
+        else:
+            assert recording.setting is not None
+            recording = replace(recording, setting=replace(recording.setting, **{label.field: label.seems}))
+    return recording
+
+
+def other_amplitudes(recordings: Sequence[Recording]) -> list[Label]:
+    """Those whose excitation has another amplitude than stated."""
+    found = []
+    for each in recordings:
+        setting, (excitation, _force, _acceleration) = what_is_needed(each)
+        measured = fit_excitation(excitation, each.sample_rate, setting.frequency)[2]
+        off = abs(measured / setting.amplitude - 1.0) > AMPLITUDE_OFF
+        if off and AMPLITUDE_LIMITS[0] <= measured <= AMPLITUDE_LIMITS[1]:
+            found.append(Label(each.name, "amplitude", setting.amplitude, measured, AMPLITUDE_OFF * measured / 3.0))
+    return found
+
+
+def other_starts(recordings: Sequence[Recording]) -> list[Label]:
+    """Those said to start from rest on fresh rock that were running."""
+    found = []
+    for each in recordings:
+        if each.starts != "fresh":
+            continue
+        _setting, (_excitation, force, acceleration) = what_is_needed(each)
+        if is_running(force, acceleration, each.sample_rate):
+            found.append(Label(each.name, "starts", "fresh", "running", None))
+    return found
+
+
+def is_running(force: np.ndarray, acceleration: np.ndarray, rate: float) -> bool:
+    """Whether the first samples (n,) in N and m/s^2 are not those of a rig at rest against the rock."""
+    level = float(np.percentile(force, 5.0))
+    pressed = level + PRESSED * (float(np.percentile(force, 99.0)) - level)
+    if force[0] > pressed:
+        return True
+    on = np.flatnonzero(force > pressed)
+    if not on.size or on[0] > AT_ONCE * rate:
+        return True
+    off = np.flatnonzero(force[on[0] :] < pressed)
+    peak = int(on[0] + np.argmax(force[on[0] : on[0] + off[0]])) if off.size else int(np.argmax(force))
+    return abs(float(np.trapezoid(acceleration[: peak + 1])) / rate) > STANDING
+
+
+def other_pressures(recordings: Sequence[Recording]) -> list[Label]:
+    """Those whose mean force does not lie on the line of the others."""
+    pressures = np.array([setting_of(each).pressure for each in recordings])
+    means = np.array([mean_force(each) for each in recordings])
+    inside, found = np.ones(len(recordings), dtype=bool), []
+    while len(found) < len(recordings) // MOST_WRONG and inside.sum() > FEWEST:
+        offs = [off_line(pressures, means, i, inside) for i in np.flatnonzero(inside).tolist()]
+        worst = int(np.argmax([each[0] for each in offs]))
+        off, seems, std = offs[worst]
+        if off < STANDS_OUT or not PRESSURE_LIMITS[0] <= seems <= PRESSURE_LIMITS[1]:
+            break
+        i = int(np.flatnonzero(inside)[worst])
+        found.append(Label(recordings[i].name, "pressure", float(pressures[i]), seems, std))
+        inside[i] = False
+    return found
+
+
+def off_line(pressures: np.ndarray, means: np.ndarray, i: int, inside: np.ndarray) -> tuple[float, float, float]:
+    """By how many standard deviations a recording is off the line of the others.
+
+    And its pressure by that line in bar, with the standard deviation of that.
+    """
+    others = inside.copy()
+    others[i] = False
+    # repeated medians, since of the others one may be wrong as well
+    line: Any = siegelslopes(means[others], pressures[others])
+    slope, level = float(line.slope), float(line.intercept)
+    if not slope > 0.0:
+        return 0.0, 0.0, 0.0
+    left = means[others] - level - slope * pressures[others]
+    expected = level + slope * pressures[i]
+    scatter = max(NORMAL * float(np.median(np.abs(left))), PRESSURE_SCATTER * abs(expected))
+    return abs(float(means[i] - expected)) / scatter, float((means[i] - level) / slope), float(scatter / slope)
+
+
+def mean_force(recording: Recording) -> float:
+    """N, over whole periods up to the end of a recording, its start left out."""
+    setting, (_excitation, force, _acceleration) = what_is_needed(recording)
+    seconds = recording.seconds - (SETTLING if recording.seconds > 2.0 * SETTLING else 0.0)
+    periods = max(math.floor(seconds * setting.frequency), 1)
+    return float(force[-round(periods / setting.frequency * recording.sample_rate) :].mean())
+
+
+def setting_of(recording: Recording) -> Setting:
+    """The setting.
+
+    Raises:
+        InputError: it has none.
+    """
+    if recording.setting is None:
+        raise InputError(f"{recording.name} has no setting: state frequency, amplitude and pressure")
+    return recording.setting

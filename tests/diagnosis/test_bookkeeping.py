@@ -1,0 +1,135 @@
+"""Labels of single recordings that their samples contradict are found, and nothing else is taken for one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
+from drillenv.diagnosis.bookkeeping import other_pressures, with_labels_checked
+from drillenv.diagnosis.report import diagnose
+
+SITE = Site(drive=600.0, frequency=110.0)
+CONCEALED = ("contact-rate", "contact-toe", "damping-quadratic", "drive-droop", "rock-compaction", "sensor-offset")
+
+
+def made_with(name, seed, recordings=8):
+    """A campaign that conceals a mechanism, or none."""
+    rng, chosen = np.random.default_rng([41, seed]), ()
+    if name is not None:
+        (equation,) = (each for each in MECHANISMS[name].equations if each.of_library)
+        chosen = (concealed(name, equation, rng, 1.0, SITE),)
+    return plain_campaign(rng, 4, chosen, recordings=recordings, seconds=0.3).campaign
+
+
+@pytest.fixture(scope="module")
+def campaigns():
+    return [made_with(name, i) for i, name in enumerate((None, *CONCEALED))]
+
+
+def relabelled(campaign, i, **changes):
+    """Another label for recording i: of its setting, or how it starts."""
+    recordings = list(campaign.recordings)
+    if "starts" in changes:
+        recordings[i] = replace(recordings[i], **changes)
+    else:
+        recordings[i] = replace(recordings[i], setting=replace(recordings[i].setting, **changes))
+    return replace(campaign, recordings=tuple(recordings))
+
+
+def running(campaign):
+    return [i for i, each in enumerate(campaign.recordings) if each.starts == "running"]
+
+
+def test_sound_labels_stay(campaigns):
+    for campaign in campaigns:
+        same, labels = with_labels_checked(campaign)
+        assert labels == []
+        assert [each.setting for each in same.recordings] == [each.setting for each in campaign.recordings]
+
+
+@pytest.mark.parametrize("factor", [0.7, 0.88, 1.12, 1.36])
+def test_another_pressure_is_found(campaigns, factor):
+    """Whatever physics the rig has besides; of the eight recordings another one each time."""
+    for turn, campaign in enumerate(campaigns):
+        i = turn % len(campaign.recordings)
+        true = campaign.recordings[i].setting.pressure
+        right, (label,) = with_labels_checked(relabelled(campaign, i, pressure=factor * true))
+        assert (label.recording, label.field) == (campaign.recordings[i].name, "pressure")
+        assert label.stated == factor * true
+        assert abs(label.seems - true) < 3.0 * label.std
+        assert right.recordings[i].setting.pressure == label.seems
+        assert label.record["std"] == label.std and label.recording in label.sentence
+
+
+def test_another_amplitude_is_found(campaigns):
+    campaign = campaigns[1]
+    true = campaign.recordings[2].setting.amplitude
+    right, (label,) = with_labels_checked(relabelled(campaign, 2, amplitude=0.75 * true))
+    assert (label.recording, label.field) == (campaign.recordings[2].name, "amplitude")
+    assert label.seems == pytest.approx(true, rel=0.015)
+    assert right.recordings[2].setting.amplitude == label.seems
+
+
+def test_recordings_that_were_running_are_found(campaigns):
+    """Each that is said to start from rest and does not."""
+    missed, tried = 0, 0
+    for campaign in campaigns:
+        for i in running(campaign):
+            _, labels = with_labels_checked(relabelled(campaign, i, starts="fresh"))
+            tried += 1
+            missed += [label.record for label in labels] != [
+                {
+                    "recording": campaign.recordings[i].name,
+                    "field": "starts",
+                    "stated": "fresh",
+                    "seems": "running",
+                    "std": None,
+                }
+            ]
+    # one that begins with the indenter just above the face and nearly at rest looks like a start
+    assert missed <= 0.05 * tried
+
+
+def test_two_wrong_pressures_of_eight_are_found(campaigns):
+    campaign = relabelled(campaigns[0], 1, pressure=1.3 * campaigns[0].recordings[1].setting.pressure)
+    campaign = relabelled(campaign, 6, pressure=0.7 * campaigns[0].recordings[6].setting.pressure)
+    assert {each.recording for each in other_pressures(campaign.recordings)} == {
+        campaign.recordings[1].name,
+        campaign.recordings[6].name,
+    }
+
+
+def test_of_few_recordings_no_pressure_is_doubted(campaigns):
+    few = relabelled(campaigns[0], 0, pressure=1.3 * campaigns[0].recordings[0].setting.pressure).recordings[:4]
+    assert other_pressures(few) == []
+
+
+@pytest.mark.slow
+def test_a_wrong_pressure_does_not_make_a_verdict(campaigns):
+    """Small errors are told by the fit, large ones by the mean force."""
+    campaign = campaigns[0]
+    for i, factor in ((2, 1.36), (3, 1.045)):
+        true = campaign.recordings[i].setting.pressure
+        record = diagnose(relabelled(campaign, i, pressure=factor * true)).record
+        assert record["verdict"] == "agrees"
+        (entry,) = record["bookkeeping"]
+        assert (entry["recording"], entry["field"]) == (campaign.recordings[i].name, "pressure")
+        assert entry["seems"] == pytest.approx(true, rel=0.015)
+        assert any(entry["recording"] in remark for remark in record["remarks"])
+
+
+@pytest.mark.slow
+def test_a_recording_that_alone_disagrees_is_set_aside(campaigns):
+    """One whose accelerometer was turned up by a tenth and a half, which no label says."""
+    campaign = campaigns[0]
+    recordings = list(campaign.recordings)
+    channels = dict(recordings[5].channels)
+    channels["acceleration"] = replace(channels["acceleration"], samples=1.15 * channels["acceleration"].samples)
+    recordings[5] = replace(recordings[5], channels=channels)
+    record = diagnose(replace(campaign, recordings=tuple(recordings))).record
+    assert record["verdict"] == "agrees"
+    assert record["bookkeeping"] == [
+        {"recording": recordings[5].name, "field": "use", "stated": "fit", "seems": "set aside", "std": None}
+    ]
