@@ -18,7 +18,7 @@ from drillenv.rocks import Rock
 FORMAT = "drillenv-campaign/1"
 DOCUMENT = "campaign.json"
 DRILL, ONE_BODY = "percussive-drill", "one-body"
-FILE_ENDINGS = (".csv", ".mat", ".h5", ".tdms")
+FILE_ENDINGS = (".csv", ".mat", ".h5", ".tdms", ".lvm")
 
 DRILL_CHANNELS = ("excitation", "force", "acceleration", "position", "velocity", "pressure", "time")
 BODY_CHANNELS = ("force", "position", "velocity", "acceleration", "time")

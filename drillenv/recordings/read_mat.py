@@ -17,7 +17,8 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from drillenv.checks import InputError, shown
-from drillenv.recordings.table import CLOCK, Table, as_floats, library, missing, series
+from drillenv.recordings.clock import CLOCK, clock_from, is_time_name
+from drillenv.recordings.table import Table, as_floats, library, missing, series
 
 HEADER = 128
 """Bytes before the first element."""
@@ -83,7 +84,7 @@ def _read_version_5(path: Path, order: str, columns: Sequence[str], most: int) -
     for element, is_packed in _elements(path, data, order):
         array = _described(path, _unpacked(path, element, order, MOST_HEAD) if is_packed else element, order)
         there.append(array.name)
-        if array.name in columns or (array.name == CLOCK and array.flags & 0xFF in NUMBERS):
+        if array.name in columns or (is_time_name(array.name) and _may_be_time(array, most)):
             _check(path, array, most)
             room = 8 * most + MOST_HEAD
             parts[array.name] = _unpacked(path, element, order, room) if is_packed else element
@@ -94,7 +95,18 @@ def _read_version_5(path: Path, order: str, columns: Sequence[str], most: int) -
     sound = b"".join(struct.pack(f"{order}II", MATRIX, len(part)) + part for part in parts.values())
     loaded = loadmat(io.BytesIO(data[:HEADER] + sound))
     found = {name: as_floats(loaded[name]) for name in parts}
-    return Table({column: found[column] for column in columns}, None if CLOCK in columns else found.get(CLOCK))
+    channels = {column: found.pop(column) for column in columns}
+    clocks = {name: found[name] for name in sorted(found, key=lambda name: name != CLOCK)}
+    return Table(channels, clock_from(clocks, channels[columns[0]].size))
+
+
+def _may_be_time(array: _Array, most: int) -> bool:
+    """Whether it is a row of real numbers, which a time must be; one by the name time_s is refused if it is none."""
+    if array.flags & 0xFF not in NUMBERS:
+        return False
+    size = int(np.prod(array.shape, dtype=object))
+    plain = not array.flags & (LOGICAL | COMPLEX) and size == max(array.shape, default=1) and size <= most
+    return array.name == CLOCK or plain
 
 
 def _elements(path: Path, data: bytes, order: str) -> Iterator[tuple[bytes, bool]]:
