@@ -124,7 +124,7 @@ def read_campaign(folder: str | os.PathLike[str]) -> Campaign:
 
 def _read_recording(folder: Path, declared: DeclaredRecording) -> Recording:
     try:
-        table = _reader(declared.file)(_inside(folder, declared.file), _columns(declared))
+        table = reader_of(declared.file)(_inside(folder, declared.file), _columns(declared))
         _check_sizes(table)
     except InputError as error:
         raise InputError(f"recording {shown(declared.name)}: {error}") from None
@@ -195,7 +195,7 @@ def _check_sizes(table: Table) -> None:
         raise InputError(f"it has {size} samples: give {LEAST_SAMPLES} to {MOST_SAMPLES}")
 
 
-def _reader(file: str) -> Callable[[Path, Sequence[str]], Table]:
+def reader_of(file: str) -> Callable[[Path, Sequence[str]], Table]:
     """The function that reads such a file. Each format's library is imported when a file needs it."""
     ending = PurePosixPath(file).suffix.lower()
     if ending == ".csv":

@@ -94,6 +94,8 @@ _BODY_NOMINAL: dict[str, tuple[Mapping[str, float], float, float]] = {
     "coulomb": (FORCE, 0.0, 1e12),
     "offset": (FORCE, -1e12, 1e12),
 }
+BODY_CONSTANTS = tuple(_BODY_NOMINAL)
+"""Of one body, by name."""
 
 
 def read_document(path: Path) -> Document:

@@ -120,6 +120,53 @@ def _with_units(lines: Sequence[str], header: _Header, columns: Sequence[str]) -
     return header
 
 
+def listed_columns(path: Path) -> dict[str, str | None]:
+    """The columns of a .csv with numbers in them, each with its unit in the line below the names, if there is one.
+
+    The header is the line above the first two lines of numbers, or above the line of units there.
+
+    Raises:
+        InputError: it is no text, or has no such header.
+    """
+    lines, _ = lines_of(path)
+    best: tuple[list[str], list[str], list[str]] | None = None
+    filled = [line for line in lines[: HEADER_WITHIN + 4] if line.strip()]
+    for i, line in enumerate(filled[:-1]):
+        for delimiter in ",;\t":
+            names = _cells(line.lstrip("#% ") if line.lstrip().startswith(("#", "%")) else line, delimiter)
+            for skipped in (1, 2):
+                below = [_cells(each, delimiter) for each in filled[i + skipped : i + skipped + 2]]
+                units = _cells(filled[i + 1].lstrip("#% "), delimiter) if skipped == 2 else []
+                if _is_header(names, units, below) and (best is None or len(names) > len(best[0])):
+                    best = names, units, below[0]
+        if best is not None:
+            break
+    if best is None:
+        raise InputError(f"{shown(path.name)} has no line of names above its numbers: name its columns in line 1")
+    names, units, first = best
+    found = {}
+    for place, name in enumerate(names):
+        if name and names.count(name) == 1 and place < len(first) and _is_number(first[place]):
+            found[name] = known_unit(units[place]) if place < len(units) else None
+    return found
+
+
+def _is_header(names: Sequence[str], units: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
+    """Whether names stand above lines of numbers of as many cells, with units, if any, that are units."""
+    if not below or not any(names) or any(_is_number(name) for name in names):
+        return False
+    if units and (len(units) < len(names) - 1 or not any(known_unit(unit) for unit in units)):
+        return False
+    return all(
+        abs(len(cells) - len(names)) <= 1 and any(_is_number(cell) and cell for cell in cells) for cells in below
+    )
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell holds a number, with a decimal comma or a point."""
+    return bool(cell) and number_in(cell.replace(",", ".", 1)) is not None
+
+
 def _no_header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> NoReturn:
     """Say which column is missing from the line that names most of them, or else from the first."""
     parted = [

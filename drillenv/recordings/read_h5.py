@@ -66,7 +66,7 @@ def _samples(file, path: Path, column: str, most: int) -> NDArray[np.float64]:
 
     dataset = _followed(file, path, column)
     if not isinstance(dataset, h5py.Dataset):
-        missing(path, column, _datasets(file), "dataset")
+        missing(path, column, datasets_in(file), "dataset")
     if dataset.is_virtual or dataset.external:
         raise InputError(
             f"dataset {shown(column)} of {shown(path.name)} lies in another file: put its numbers in this one"
@@ -122,8 +122,8 @@ def _is_row(file, name: str, size: int) -> bool:
     return (name == CLOCK or there.size == size) and max(there.shape, default=1) == there.size
 
 
-def _datasets(group, prefix: str = "", depth: int = 3) -> Iterator[str]:
-    """Names of the datasets, for a message."""
+def datasets_in(group, prefix: str = "", depth: int = 3) -> Iterator[str]:
+    """Names of the datasets of the file itself, of the first hundred of each group."""
     import h5py
 
     for name in list(group)[:100]:
@@ -132,4 +132,4 @@ def _datasets(group, prefix: str = "", depth: int = 3) -> Iterator[str]:
         if isinstance(group[name], h5py.Dataset):
             yield prefix + name
         elif depth:
-            yield from _datasets(group[name], f"{prefix}{name}/", depth - 1)
+            yield from datasets_in(group[name], f"{prefix}{name}/", depth - 1)

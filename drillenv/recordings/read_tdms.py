@@ -24,7 +24,7 @@ def read_tdms(path: Path, columns: Sequence[str], most: int) -> Table:
     Raises:
         InputError: it is no such file, is cut off or damaged, or has no such channels of numbers.
     """
-    with library(path, "TDMS file"), _quiet():
+    with library(path, "TDMS file"), quiet():
         from nptdms import TdmsFile
 
         with open(path, "rb") as stream, TdmsFile.open(stream) as file:
@@ -51,15 +51,15 @@ def read_tdms(path: Path, columns: Sequence[str], most: int) -> Table:
 
 def _time_channel(there: Mapping[str, Any], columns: Sequence[str], size: int) -> Clock | None:
     """A channel of the same group that holds the time."""
-    beside = columns[0].rpartition("/")[0]
-    names = time_names([name for name in there if name.rpartition("/")[0] == beside], columns)
+    group = there[columns[0]].group_name
+    names = time_names([name for name in there if there[name].group_name == group], columns)
     plain = [name for name in names if there[name].dtype.kind in "iuf" and len(there[name]) == size]
     units = {name: str(there[name].properties.get("unit_string", "")) for name in plain}
     return clock_from({name: as_floats(there[name][:]) for name in plain}, size, units)
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """No words on the terminal: npTDMS logs what it finds odd, and what is wrong is said here."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
