@@ -6,10 +6,12 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drillenv.checks import InputError, shown
+from drillenv.checks import InputError, choice, shown
 from drillenv.cli_options import Parser, add_json, print_json
+from drillenv.files import check_writable
 
 if TYPE_CHECKING:
     from drillenv.recordings import Campaign, QualityFinding
@@ -25,6 +27,7 @@ def add_campaign(parser: Parser) -> None:
     for name, add, line in (
         ("init", _add_init, "write campaign.json for a folder of data files"),
         ("check", _add_check, "look for faults of sensors, wiring, units and sample rate"),
+        ("plot", _add_plot, "draw every recording beside what the nominal model says of it"),
     ):
         command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
         add(command)
@@ -251,3 +254,25 @@ def _check_summary(campaign: Campaign, findings: tuple[QualityFinding, ...]) -> 
     parts = [f"{len(out)} with a channel or all of it to leave out"] if out else []
     parts += [f"{len(cut)} with stretches to leave out"] if cut else []
     return f"{recordings}: {', '.join(parts) or 'nothing to leave out'}"
+
+
+# --- plot
+
+
+def _add_plot(parser: Parser) -> None:
+    parser.add_argument("folder", metavar="FOLDER", help="folder that holds campaign.json")
+    parser.add_argument("--out", required=True, metavar="FILE.html", help="where the pictures go: .html or .png")
+    parser.set_defaults(run=_plot)
+
+
+def _plot(given: argparse.Namespace) -> None:
+    from drillenv.recordings import check_quality, read_campaign
+    from drillenv.recordings.plot import ENDINGS, plot_campaign
+
+    choice("the ending of --out", Path(given.out).suffix.lower(), ENDINGS)
+    check_writable(given.out)
+    campaign = read_campaign(given.folder)
+    watched = sys.stderr is not None and sys.stderr.isatty()
+    note = (lambda text: print(text, file=sys.stderr, flush=True)) if watched else None
+    plot_campaign(campaign, given.out, check_quality(campaign), note)
+    print(f"wrote {given.out}")
