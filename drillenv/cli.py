@@ -159,9 +159,8 @@ def _add_model(parser: Parser) -> None:
 
 
 def _add_simulate(parser: Parser) -> None:
-    parser.add_argument(
-        "--seconds", type=plain_number, default=2.0, metavar="S", help="duration in s, 0.001 to 3600 (default 2)"
-    )
+    note = "duration in s, 0.001 to 3600 (default 2); of each recording of a campaign (default 0.4)"
+    parser.add_argument("--seconds", type=plain_number, metavar="S", help=note)
     note = "samples a second, 100 to 1000000 (default 25600)"
     parser.add_argument("--sample-rate", type=plain_number, default=25600.0, metavar="HZ", help=note)
     note = "fresh: at rest against untouched rock (default); steady: on the motion that follows from there"
@@ -172,8 +171,16 @@ def _add_simulate(parser: Parser) -> None:
     note = "exact: closed form (default); general: numerical integration, always taken where a model has effects"
     parser.add_argument("--engine", default="exact", metavar="{exact,hybrid}", help=note)
     parser.add_argument("--out", metavar="FILE.csv", help="where the samples go")
+    note = "physics beyond the paper's model, such as contact-rate chi=0.45; repeatable"
+    parser.add_argument("--effect", nargs="+", action="append", default=[], metavar=("NAME", "SYMBOL=X"), help=note)
+    group = parser.add_argument_group("campaign", "Recordings with sensor noise over the settings of the paper's box.")
+    note = "make this folder of recordings and campaign.json, in place of a run at one setting"
+    group.add_argument("--campaign", metavar="DIR", help=note)
+    group.add_argument("--recordings", type=whole_number, metavar="N", help="how many, 3 to 200 (default 6)")
+    group.add_argument("--seed", type=whole_number, metavar="N", help="of settings, phases and noise (default 0)")
+    group.add_argument("--file-format", metavar="{csv,mat,mat73,h5,tdms}", help="of the recordings (default csv)")
     add_json(parser)
-    _add_controls(parser)
+    _add_controls(parser, required=False)
     _add_rock(parser)
     _add_rig(parser)
     _add_model(parser)
@@ -329,10 +336,15 @@ def _progress() -> bool:
 def _simulate(given: argparse.Namespace) -> None:
     from drillenv.dynamics.simulate import simulate
 
-    setting = _setting(given)
+    if given.campaign is not None:
+        _simulate_campaign(given)
+        return
+    setting = _run_setting(given)
     if given.out is not None:
         check_writable(given.out)
     rock, rig, effects = _plant(given)
+    effects = (*effects, *_effects_on_motion(given.effect))
+    given.seconds = 2.0 if given.seconds is None else given.seconds
     run = simulate(
         setting, rock, rig, given.seconds, given.sample_rate, given.start, given.phase, given.engine, effects
     )
@@ -352,6 +364,47 @@ def _simulate(given: argparse.Namespace) -> None:
     )
     if given.out is not None:
         print(f"wrote {given.out}")
+
+
+def _run_setting(given: argparse.Namespace) -> Setting:
+    """The setting of a run that makes no campaign."""
+    missing = [f"--{name}" for name in CONTROLS if getattr(given, name) is None]
+    if missing:
+        raise InputError(f"{' and '.join(missing)} of the run are missing: give the whole setting, or --campaign DIR")
+    alone = _options_given(given, ["recordings", "seed", "file_format"])
+    if alone:
+        raise InputError(f"{alone} without --campaign, which it is for: give both or none")
+    return _setting(given)
+
+
+def _effects_on_motion(given: Iterable[Sequence[str]]) -> tuple[Chosen, ...]:
+    """The effects of --effect that act on the motion; a word on those on sensors."""
+    from drillenv.corrected import Corrected
+    from drillenv.recordings.made import effect_from_words
+
+    model = Corrected(effects=tuple(effect_from_words(words) for words in given))
+    if model.on_sensors:
+        names = ", ".join(chosen.effect.name for chosen in model.on_sensors)
+        _say(f"effects on sensors do not act on the motion and are left aside: {names}; --campaign records by them", 0)
+    return model.on_motion
+
+
+def _simulate_campaign(given: argparse.Namespace) -> None:
+    from drillenv.recordings.made import effect_from_words, make_campaign
+
+    beside = _options_given(given, [*CONTROLS, "out"])
+    if beside:
+        raise InputError(f"--campaign and {beside} are both given: leave one out, a campaign has settings of its own")
+    rock, rig, effects = _plant(given)
+    effects = (*effects, *(effect_from_words(words) for words in given.effect))
+    options = {name: getattr(given, name) for name in ("recordings", "seconds", "seed", "file_format")}
+    told = {name: value for name, value in options.items() if value is not None}
+    folder = make_campaign(given.campaign, rock, rig, effects, sample_rate=given.sample_rate, **told)
+    if given.json:
+        print_json({"campaign": str(folder), "effects": [effect_record(chosen) for chosen in effects]} | told)
+        return
+    beyond = f" with {', '.join(chosen.effect.name for chosen in effects)}" if effects else ""
+    print(f"wrote {given.campaign}: recordings on {rock.name}{beyond}; next: drillenv campaign plot {given.campaign}")
 
 
 def _run_summary(run: Run, given: argparse.Namespace, effects: Sequence[Chosen]) -> dict[str, Any]:
