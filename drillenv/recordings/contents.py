@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from drillenv.checks import InputError, shown
 from drillenv.recordings.campaign import LEAST_SAMPLES, MOST_SAMPLES, reader_of
@@ -153,7 +154,7 @@ def _listed_h5(path: Path) -> tuple[dict[str, str | None], dict[str, float]]:
         with h5py.File(path, "r") as file:
             _take_scalars(scalars, file.attrs)
             for name in datasets_in(file):
-                dataset = file[name]
+                dataset: Any = file[name]
                 numbers = dataset.attrs.get("MATLAB_class", b"double") in MATLAB_NUMBERS
                 if not numbers or dataset.dtype.kind not in "iuf" or dataset.shape is None or name.startswith("#"):
                     continue

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drillenv.checks import InputError, choice, shown
 from drillenv.files import whole
 from drillenv.recordings.contents import Contents, contents_of
@@ -134,6 +136,11 @@ def describe(folder: str | os.PathLike[str], told: Told, ask: Ask | None = None)
         InputError: no such folder, no file that can be used, or something that neither the files nor ``told`` say.
     """
     choice("--rig", told.rig, (DRILL, ONE_BODY))
+    with np.errstate(all="ignore"):  # absurd values of a damaged file become infinities, which the check reports
+        return _described(folder, told, ask)
+
+
+def _described(folder: str | os.PathLike[str], told: Told, ask: Ask | None) -> Description:
     questions = _Questions(ask)
     contents, left_out = _contents(Path(folder))
     used: list[tuple[Contents, dict[str, Role]]] = []

@@ -84,31 +84,46 @@ def make_campaign(
     check_new(folder)
     made = []
     for i, setting in enumerate(spread_settings(many, rng), 1):
-        fresh = i == many
-        # a fresh start begins where the generator was switched on; any other somewhere
-        phase = 0.0 if fresh else float(rng.uniform(0.0, 2 * np.pi))
-        channels = record(
-            rig,
-            setting,
-            rock,
-            seconds,
-            rate,
-            effects=forces,
-            sensors=sensors,
-            phase=phase,
-            lead=0.0 if fresh else LEAD,
-            noise=NOISE,
-            rng=rng,
-        ).channels
-        samples = {
-            name: Channel(np.round(getattr(channels, name), getattr(DIGITS, name)) + 0.0, unit, name)
-            for name, unit in UNITS.items()
-        }
-        name = f"r{i:02d}"
-        starts = "fresh" if fresh else "running"
-        made.append(Recording(name, name, rate, MappingProxyType(samples), starts, setting))
+        starts = "fresh" if i == many else "running"
+        channels = _recorded(rig, rock, setting, starts, seconds, rate, forces, sensors, rng)
+        made.append(Recording(f"r{i:02d}", f"r{i:02d}", rate, channels, starts, setting))
     title = f"made: {rock.name}, seed {seed}"
     return write_campaign(folder, title, DRILL, believed(rig, rock), made, file_format, "simulated by drillenv")
+
+
+def _recorded(
+    rig: Rig,
+    rock: Rock,
+    setting: Setting,
+    starts: str,
+    seconds: float,
+    sample_rate: float,
+    effects: Iterable[Chosen],
+    sensors: Iterable[Chosen],
+    rng: np.random.Generator,
+) -> Mapping[str, Channel]:
+    """The channels of one recording."""
+    fresh = starts == "fresh"
+    read = record(
+        rig,
+        setting,
+        rock,
+        seconds,
+        sample_rate,
+        effects=effects,
+        sensors=sensors,
+        # a fresh start begins where the generator was switched on; any other somewhere
+        phase=0.0 if fresh else float(rng.uniform(0.0, 2 * np.pi)),
+        lead=0.0 if fresh else LEAD,
+        noise=NOISE,
+        rng=rng,
+    ).channels
+    return MappingProxyType(
+        {
+            name: Channel(np.round(getattr(read, name), getattr(DIGITS, name)) + 0.0, unit, name)  # no -0.0
+            for name, unit in UNITS.items()
+        }
+    )
 
 
 def spread_settings(many: int, rng: np.random.Generator) -> list[Setting]:

@@ -20,6 +20,7 @@ from drillenv.recordings.campaign import Campaign, Recording
 from drillenv.recordings.document import DRILL, Nominal
 from drillenv.recordings.excitation import tone_at
 from drillenv.recordings.findings import NOTE, QualityFinding
+from drillenv.recordings.signal_faults import ABSURD
 from drillenv.recordings.units import CHANNEL_UNITS
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
@@ -146,7 +147,7 @@ def phase_at(recording: Recording, part: slice) -> float | None:
     margin = round(AROUND * recording.sample_rate / setting.frequency)
     begin = max(0, part.start - margin)
     near = recording.channels["excitation"].samples[begin : part.stop + margin]
-    known = np.where(np.isfinite(near), near, 0.0)
+    known = np.where(np.abs(near) < ABSURD, near, 0.0)
     tone = tone_at(known, recording.sample_rate, setting.frequency)
     turned = 2 * np.pi * setting.frequency * (part.start - begin) / recording.sample_rate
     return float((tone.phase + turned) % (2 * np.pi))

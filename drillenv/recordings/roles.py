@@ -18,6 +18,7 @@ from drillenv.recordings.contents import Contents
 from drillenv.recordings.document import BODY_CHANNELS, DRILL, DRILL_CHANNELS, Nominal
 from drillenv.recordings.excitation import strongest_tone
 from drillenv.recordings.quality import check_quality
+from drillenv.recordings.signal_faults import ABSURD
 from drillenv.recordings.units import CHANNEL_UNITS, unit_of, without_unit
 from drillenv.rig import Setting
 
@@ -127,7 +128,7 @@ def _unit(contents: Contents, channel: str, column: str, stated: str | None, rig
 
 def _is_tone(contents: Contents, column: str) -> bool:
     samples = contents.table.columns[column][:TRIED]
-    if not np.isfinite(samples).all() or np.ptp(samples) == 0.0:
+    if not (np.abs(samples) < ABSURD).all() or np.ptp(samples) == 0.0:
         return False
     return strongest_tone(samples, contents.sample_rate or 1.0).purity > PURE
 

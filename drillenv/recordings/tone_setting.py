@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drillenv.recordings.excitation import TONE, followed_tone, strongest_tone, tone_share, usual_amplitude
+from drillenv.recordings.signal_faults import ABSURD
 
 NEAT_FREQUENCY, NEAT_AMPLITUDE = 0.03, 0.002
 """Hz, and a share: settings are made in steps of 0.1 Hz and 0.01 V, and what is this near is taken for one."""
@@ -27,7 +28,8 @@ class Drive(NamedTuple):
 def drive_of(samples: NDArray[np.float64], sample_rate: float) -> Drive | None:
     """The drive that an excitation (samples,) in V shows; None where it holds no tone."""
     known = samples[:MOST_SAMPLES]
-    known = np.where(np.isfinite(known), known, np.nanmedian(known) if np.isfinite(known).any() else 0.0)
+    sound = np.abs(known) < ABSURD
+    known = np.where(sound, known, np.median(known[sound]) if sound.any() else 0.0)
     if known.size < 16 or np.ptp(known) == 0.0:
         return None
     tone = strongest_tone(known, sample_rate)

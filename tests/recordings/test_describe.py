@@ -295,3 +295,19 @@ def test_one_body(init, body, tmp_path):
     np.testing.assert_allclose(
         campaign.recordings[1].channels["position"].samples, body.recordings[1].channels["position"].samples
     )
+
+
+@pytest.mark.parametrize("layout", FOLDERS)
+def test_a_damaged_file_is_described_or_said(init, signals, tmp_path, layout):
+    rng = np.random.default_rng(7)
+    FOLDERS[layout][0](tmp_path, [[each[:1500] for each in channels] for channels in signals])
+    path = min(each for each in tmp_path.iterdir())
+    sound = path.read_bytes()
+    for _ in range(6):
+        data = bytearray(sound)
+        for at in rng.integers(min(len(data), int(rng.choice([600, 3000, 10**7]))), size=int(rng.choice([1, 10, 100]))):
+            data[at] = rng.integers(256)
+        path.write_bytes(data[: int(rng.integers(len(data))) if rng.random() < 0.2 else len(data)])
+        code, _, said = init(tmp_path, "--rock", "4", "--pressure", "1", "--force")
+        assert code in (0, 2)
+        assert said.count("\n") == (code == 2)
