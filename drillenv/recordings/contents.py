@@ -58,15 +58,9 @@ def contents_of(path: Path) -> Contents:
         raise InputError(f"{shown(path.name)} has {size} samples: give {LEAST_SAMPLES} to {MOST_SAMPLES}")
     if len(whole) < len(names):
         table = read(path, list(whole))
-    stated = {name: known_unit(table.units.get(name, "")) or units[name] or named_unit(_last(name)) for name in whole}
+    stated = {name: known_unit(table.units.get(name, "")) or units[name] or named_unit(name) for name in whole}
     rate, source = _sample_rate(table, scalars)
     return Contents(path.name, stated, table, rate, source, table.notes)
-
-
-def _last(name: str) -> str:
-    """A column's name without the group before it, which a / parts from it as it may a unit."""
-    group, _, last = name.rpartition("/")
-    return name if known_unit(last) else (last if group else name)
 
 
 def _sample_rate(table: Table, scalars: Mapping[str, float]) -> tuple[float | None, str]:

@@ -101,8 +101,8 @@ def _score(channel: str, column: str, unit: str | None) -> int:
 
 def _named(column: str) -> set[str]:
     """The channels that a column's name may mean."""
-    last = column if "/" not in column else column.rpartition("/")[2]
-    bare = re.sub(r"[_\W]+", " ", without_unit(last)).strip().lower()
+    last = without_unit(column).rpartition("/")[2]  # the group before it says little
+    bare = re.sub(r"[_\W]+", " ", last).strip().lower()
     return {name for name, words in _WORDS.items() if re.search(words, bare)}
 
 

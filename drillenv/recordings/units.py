@@ -116,6 +116,9 @@ def known_unit(text: str) -> str | None:
 
 def _parted(name: str) -> tuple[str, str | None]:
     """A column's name without its unit, and the unit: ``force [kN]``, ``t (s)``, ``Zeit/s``, ``force_kN``."""
+    match = re.match(r"^(.+)_m_s(2?)$", name.strip())
+    if match:
+        return match[1], "m/s^2" if match[2] else "m/s"
     for pattern in (_BRACKETED, _AFTER_SLASH, _AFTER_UNDERSCORE):
         match = pattern.match(name.strip())
         if match:
@@ -124,9 +127,6 @@ def _parted(name: str) -> tuple[str, str | None]:
                 unit = known_unit(spelled)
                 if unit is not None:
                     return bare, unit
-    match = re.match(r"^(.+)_m_s(2?)$", name.strip())
-    if match:
-        return match[1], "m/s^2" if match[2] else "m/s"
     return name, None
 
 

@@ -11,6 +11,7 @@ from scipy.io import savemat
 
 from drillenv import cli
 from drillenv.recordings import check_quality, read_campaign
+from drillenv.recordings.units import named_unit, without_unit
 
 G = 9.80665
 RATE = 25600.0
@@ -295,6 +296,27 @@ def test_one_body(init, body, tmp_path):
     np.testing.assert_allclose(
         campaign.recordings[1].channels["position"].samples, body.recordings[1].channels["position"].samples
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "bare", "unit"),
+    [
+        ("Force [kN]", "Force", "kN"),
+        ("Acceleration [m/s^2]", "Acceleration", "m/s^2"),
+        ("rig/Acceleration (m/s\u00b2)", "rig/Acceleration", "m/s^2"),
+        ("rig/acceleration_m_s2", "rig/acceleration", "m/s^2"),
+        ("velocity_m_s", "velocity", "m/s"),
+        ("force_kN", "force", "kN"),
+        ("Kraft in kN", "Kraft", "kN"),
+        ("Zeit/s", "Zeit", "s"),
+        ("cDAQ1Mod1/ai0", "cDAQ1Mod1/ai0", None),
+        ("Response (Trigger)", "Response (Trigger)", None),
+        ("load_cell", "load_cell", None),
+        ("x", "x", None),
+    ],
+)
+def test_names_with_units(name, bare, unit):
+    assert (without_unit(name), named_unit(name)) == (bare, unit)
 
 
 @pytest.mark.parametrize("layout", FOLDERS)
