@@ -5,16 +5,16 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import json
-import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import drillenv
 from drillenv.checks import InputError, choice, count, shown
+from drillenv.cli_campaign import add_campaign
+from drillenv.cli_options import Parser, add_json, plain_number, print_json, whole_number
 from drillenv.corrected import effect_record, read_model
 from drillenv.files import check_writable
 from drillenv.rig import (
@@ -55,11 +55,16 @@ RIG_UNITS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns the exit code: 0, 2 on bad input, 130 when interrupted, 141 on a closed pipe."""
+    """Run the command line.
+
+    Returns:
+        The exit code: 0, 1 where a check found something, 2 on bad input, 130 if interrupted, 141 on a closed pipe.
+    """
     try:
         given = _parser().parse_args(arguments)
-        _announce_compilation()
-        given.run(given)
+        if given.compiles:
+            _announce_compilation()
+        code = given.run(given) or 0
         sys.stdout.flush()
     except InputError as error:
         return _say(str(error), BAD_INPUT)
@@ -74,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _say(f"cannot write{where}: {error.strerror or error}", BAD_INPUT)
     except SystemExit as end:  # --help and --version
         return end.code if isinstance(end.code, int) else 0
-    return 0
+    return code
 
 
 def _announce_compilation() -> None:
@@ -98,33 +103,10 @@ def _drop_output() -> None:
 # --- The options
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser whose complaints are InputErrors."""
-
-    def error(self, message: str) -> NoReturn:
-        """Complain in one line."""
-        raise InputError(f"{message} (see {self.prog} --help)")
-
-
-def _number(text: str) -> float:
-    """A number, as an option gives it; its limits are checked where it is used."""
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{shown(text)} is not a number: give one such as 0.45") from None
-
-
-def _whole_number(text: str) -> int:
-    """A whole number, as an option gives it."""
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{shown(text)} is not a whole number: give one such as 4") from None
-
-
 def _parser() -> Parser:
     """The parser of all commands."""
     parser = Parser(prog="drillenv", description="A percussive-drilling rig, simulated exactly.", allow_abbrev=False)
+    parser.set_defaults(compiles=True)
     parser.add_argument("--version", action="version", version=f"drillenv {drillenv.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
     for name, add, line in (
@@ -132,6 +114,7 @@ def _parser() -> Parser:
         ("motion", _add_motion, "the motion that the rig settles on"),
         ("sweep", _add_sweep, "the motions along a control or the rock's stiffness: a bifurcation diagram"),
         ("atlas", _add_atlas, "where one impact a period exists, over frequency, amplitude and pressure"),
+        ("campaign", add_campaign, "write, check and look at the description of recordings"),
         ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
         ("prove", _add_prove, "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
@@ -145,7 +128,7 @@ def _add_controls(parser: Parser, required: bool = True) -> None:
     group = parser.add_argument_group("setting")
     for name, (metavar, meaning, limits, box) in CONTROLS.items():
         note = f"{meaning}, {limits[0]:g} to {limits[1]:g} (the paper explores {box[0]:g} to {box[1]:g})"
-        group.add_argument(f"--{name}", type=_number, required=required, metavar=metavar, help=note)
+        group.add_argument(f"--{name}", type=plain_number, required=required, metavar=metavar, help=note)
 
 
 def _add_rock(parser: Parser) -> None:
@@ -155,14 +138,14 @@ def _add_rock(parser: Parser) -> None:
     limits = f"{STIFFNESS_LIMITS[0]:g} to {STIFFNESS_LIMITS[1]:g}"
     for way, symbol in (("loading", "k_l"), ("unloading", "k_u")):
         note = f"{symbol} of a rock of your own in N/m, {limits}; give both or none"
-        group.add_argument(f"--{way}-stiffness", type=_number, metavar="N/M", help=note)
+        group.add_argument(f"--{way}-stiffness", type=plain_number, metavar="N/M", help=note)
 
 
 def _add_rig(parser: Parser) -> None:
     group = parser.add_argument_group("rig", "By default that of Table 2.1.")
     for field in dataclasses.fields(Rig):
         note = f"{RIG_UNITS[field.name]} (default {field.default:g})"
-        group.add_argument(f"--{field.name.replace('_', '-')}", type=_number, metavar="X", help=note)
+        group.add_argument(f"--{field.name.replace('_', '-')}", type=plain_number, metavar="X", help=note)
 
 
 def _add_model(parser: Parser) -> None:
@@ -175,26 +158,29 @@ def _add_model(parser: Parser) -> None:
     group.add_argument("--model", metavar="FILE", help=note)
 
 
-def _add_json(parser: Parser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON")
-
-
 def _add_simulate(parser: Parser) -> None:
-    parser.add_argument(
-        "--seconds", type=_number, default=2.0, metavar="S", help="duration in s, 0.001 to 3600 (default 2)"
-    )
+    note = "duration in s, 0.001 to 3600 (default 2); of each recording of a campaign (default 0.4)"
+    parser.add_argument("--seconds", type=plain_number, metavar="S", help=note)
     note = "samples a second, 100 to 1000000 (default 25600)"
-    parser.add_argument("--sample-rate", type=_number, default=25600.0, metavar="HZ", help=note)
+    parser.add_argument("--sample-rate", type=plain_number, default=25600.0, metavar="HZ", help=note)
     note = "fresh: at rest against untouched rock (default); steady: on the motion that follows from there"
     parser.add_argument("--start", default="fresh", metavar="{fresh,steady}", help=note)
     parser.add_argument(
-        "--phase", type=_number, default=0.0, metavar="RAD", help="of the excitation at the start, in rad"
+        "--phase", type=plain_number, default=0.0, metavar="RAD", help="of the excitation at the start, in rad"
     )
     note = "exact: closed form (default); general: numerical integration, always taken where a model has effects"
     parser.add_argument("--engine", default="exact", metavar="{exact,hybrid}", help=note)
     parser.add_argument("--out", metavar="FILE.csv", help="where the samples go")
-    _add_json(parser)
-    _add_controls(parser)
+    note = "physics beyond the paper's model, such as contact-rate chi=0.45; repeatable"
+    parser.add_argument("--effect", nargs="+", action="append", default=[], metavar=("NAME", "SYMBOL=X"), help=note)
+    group = parser.add_argument_group("campaign", "Recordings with sensor noise over the settings of the paper's box.")
+    note = "make this folder of recordings and campaign.json, in place of a run at one setting"
+    group.add_argument("--campaign", metavar="DIR", help=note)
+    group.add_argument("--recordings", type=whole_number, metavar="N", help="how many, 3 to 200 (default 6)")
+    group.add_argument("--seed", type=whole_number, metavar="N", help="of settings, phases and noise (default 0)")
+    group.add_argument("--file-format", metavar="{csv,mat,mat73,h5,tdms}", help="of the recordings (default csv)")
+    add_json(parser)
+    _add_controls(parser, required=False)
     _add_rock(parser)
     _add_rig(parser)
     _add_model(parser)
@@ -203,11 +189,11 @@ def _add_simulate(parser: Parser) -> None:
 
 def _add_motion(parser: Parser) -> None:
     note = "look for coexisting motions from so many starts, 1 to 10000; the first is the rig at rest"
-    parser.add_argument("--starts", type=_whole_number, metavar="N", help=note)
+    parser.add_argument("--starts", type=whole_number, metavar="N", help=note)
     parser.add_argument(
-        "--seed", type=_whole_number, metavar="N", help="of the other starts, which are random (default 0)"
+        "--seed", type=whole_number, metavar="N", help="of the other starts, which are random (default 0)"
     )
-    _add_json(parser)
+    add_json(parser)
     _add_controls(parser)
     _add_rock(parser)
     _add_rig(parser)
@@ -218,14 +204,14 @@ def _add_motion(parser: Parser) -> None:
 def _add_sweep(parser: Parser) -> None:
     note = "frequency (Hz), amplitude (V), pressure (bar), or stiffness (k_l in N/m, k_u keeping its ratio to it)"
     parser.add_argument("--over", required=True, metavar="{frequency,amplitude,pressure,stiffness}", help=note)
-    parser.add_argument("--from", dest="first", type=_number, required=True, metavar="X", help="first value")
-    parser.add_argument("--to", dest="last", type=_number, required=True, metavar="X", help="last value")
-    parser.add_argument("--step", type=_number, required=True, metavar="X", help="from one value to the next")
+    parser.add_argument("--from", dest="first", type=plain_number, required=True, metavar="X", help="first value")
+    parser.add_argument("--to", dest="last", type=plain_number, required=True, metavar="X", help="last value")
+    parser.add_argument("--step", type=plain_number, required=True, metavar="X", help="from one value to the next")
     note = "up, down, or both, which shows where motions coexist (default both)"
     parser.add_argument("--direction", default="both", metavar="{up,down,both}", help=note)
     parser.add_argument("--out", metavar="FILE.png", help="where the bifurcation diagram goes: .png, .pdf or .svg")
     parser.add_argument("--data", metavar="FILE.csv", help="where the numbers go")
-    _add_json(parser)
+    add_json(parser)
     _add_controls(parser, required=False)
     _add_rock(parser)
     _add_rig(parser)
@@ -241,13 +227,13 @@ def _add_atlas(parser: Parser) -> None:
     note = "draw it too: slices in this file (.png, .pdf or .svg), the surface and the collapse on p / A beside it"
     parser.add_argument("--plot", metavar="FILE.png", help=note)
     note = "values of frequency, amplitude and pressure over the box of the paper, 2 to 1000 each"
-    parser.add_argument("--points", type=_whole_number, nargs=3, metavar=("F", "A", "P"), help=note)
+    parser.add_argument("--points", type=whole_number, nargs=3, metavar=("F", "A", "P"), help=note)
     note = "random starts at each point, beside the rig at rest (default 12)"
-    parser.add_argument("--starts", type=_whole_number, default=12, metavar="N", help=note)
-    parser.add_argument("--seed", type=_whole_number, default=0, metavar="N", help="of the random starts (default 0)")
+    parser.add_argument("--starts", type=whole_number, default=12, metavar="N", help=note)
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the random starts (default 0)")
     note = "address of a Ray cluster to work on, or local (default: the cores of this machine)"
     parser.add_argument("--cluster", metavar="ADDRESS", help=note)
-    _add_json(parser)
+    add_json(parser)
     _add_rig(parser)
     parser.set_defaults(run=_atlas)
 
@@ -256,7 +242,7 @@ def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("campaign", metavar="CAMPAIGN", help="folder that holds campaign.json")
     note = "folder for report.html, report.json and model.json; made if it is not there"
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
-    _add_json(parser)
+    add_json(parser)
     parser.set_defaults(run=_diagnose)
 
 
@@ -264,28 +250,28 @@ def _add_prove(parser: Parser) -> None:
     note = "folder of the trial; made if it is not there, and gone on with if it holds this very trial"
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
     note = "all randomness comes from it (default 1); one that nobody has looked at makes the trial blind"
-    parser.add_argument("--seed", type=_whole_number, default=1, metavar="N", help=note)
+    parser.add_argument("--seed", type=whole_number, default=1, metavar="N", help=note)
     note = "how many campaigns (default 60); with --curves, for each mechanism and strength (default 4)"
-    parser.add_argument("--campaigns", type=_whole_number, metavar="N", help=note)
+    parser.add_argument("--campaigns", type=whole_number, metavar="N", help=note)
     note = "campaigns diagnosed side by side (default: as many as there are cores)"
-    parser.add_argument("--jobs", type=_whole_number, metavar="N", help=note)
+    parser.add_argument("--jobs", type=whole_number, metavar="N", help=note)
     note = "processor seconds for each diagnosis; past that it has given no answer (default 300)"
-    parser.add_argument("--limit", type=_number, default=300.0, metavar="S", help=note)
+    parser.add_argument("--limit", type=plain_number, default=300.0, metavar="S", help=note)
     parser.add_argument("--cluster", metavar="ADDRESS", help="address of a Ray cluster that diagnoses, or local")
     note = "measure detection curves instead: each mechanism alone, from its full strength downwards"
     parser.add_argument("--curves", action="store_true", help=note)
     note = "percussive-drill (default), or one-body: single bodies, shaken or on a driven axis"
     parser.add_argument("--rig", default="percussive-drill", metavar="{percussive-drill,one-body}", help=note)
     note = "check a finished trial in DIR instead: its seal, its reports, its marks, and N diagnoses made again"
-    parser.add_argument("--check", type=_whole_number, metavar="N", help=note)
-    _add_json(parser)
+    parser.add_argument("--check", type=whole_number, metavar="N", help=note)
+    add_json(parser)
     parser.set_defaults(run=_prove)
 
 
 def _add_paper(parser: Parser) -> None:
     note = "folder for published.json and a figure for each of 2.5, 3.2 and 4.1 to 4.4; made if it is not there"
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
-    _add_json(parser)
+    add_json(parser)
     parser.set_defaults(run=_paper)
 
 
@@ -350,17 +336,22 @@ def _progress() -> bool:
 def _simulate(given: argparse.Namespace) -> None:
     from drillenv.dynamics.simulate import simulate
 
-    setting = _setting(given)
+    if given.campaign is not None:
+        _simulate_campaign(given)
+        return
+    setting = _run_setting(given)
     if given.out is not None:
         check_writable(given.out)
     rock, rig, effects = _plant(given)
+    effects = (*effects, *_effects_on_motion(given.effect))
+    given.seconds = 2.0 if given.seconds is None else given.seconds
     run = simulate(
         setting, rock, rig, given.seconds, given.sample_rate, given.start, given.phase, given.engine, effects
     )
     if given.out is not None:
         run.to_csv(given.out)
     if given.json:
-        _print_json(_run_summary(run, given, effects))
+        print_json(_run_summary(run, given, effects))
         return
     place = _place(setting, rock, effects)
     print(f"{place}: {given.seconds:g} s from the {given.start} start, {run.time.size} samples")
@@ -373,6 +364,47 @@ def _simulate(given: argparse.Namespace) -> None:
     )
     if given.out is not None:
         print(f"wrote {given.out}")
+
+
+def _run_setting(given: argparse.Namespace) -> Setting:
+    """The setting of a run that makes no campaign."""
+    missing = [f"--{name}" for name in CONTROLS if getattr(given, name) is None]
+    if missing:
+        raise InputError(f"{' and '.join(missing)} of the run are missing: give the whole setting, or --campaign DIR")
+    alone = _options_given(given, ["recordings", "seed", "file_format"])
+    if alone:
+        raise InputError(f"{alone} without --campaign, which it is for: give both or none")
+    return _setting(given)
+
+
+def _effects_on_motion(given: Iterable[Sequence[str]]) -> tuple[Chosen, ...]:
+    """The effects of --effect that act on the motion; a word on those on sensors."""
+    from drillenv.corrected import Corrected
+    from drillenv.recordings.made import effect_from_words
+
+    model = Corrected(effects=tuple(effect_from_words(words) for words in given))
+    if model.on_sensors:
+        names = ", ".join(chosen.effect.name for chosen in model.on_sensors)
+        _say(f"effects on sensors do not act on the motion and are left aside: {names}; --campaign records by them", 0)
+    return model.on_motion
+
+
+def _simulate_campaign(given: argparse.Namespace) -> None:
+    from drillenv.recordings.made import effect_from_words, make_campaign
+
+    beside = _options_given(given, [*CONTROLS, "out"])
+    if beside:
+        raise InputError(f"--campaign and {beside} are both given: leave one out, a campaign has settings of its own")
+    rock, rig, effects = _plant(given)
+    effects = (*effects, *(effect_from_words(words) for words in given.effect))
+    options = {name: getattr(given, name) for name in ("recordings", "seconds", "seed", "file_format")}
+    told = {name: value for name, value in options.items() if value is not None}
+    folder = make_campaign(given.campaign, rock, rig, effects, sample_rate=given.sample_rate, **told)
+    if given.json:
+        print_json({"campaign": str(folder), "effects": [effect_record(chosen) for chosen in effects]} | told)
+        return
+    beyond = f" with {', '.join(chosen.effect.name for chosen in effects)}" if effects else ""
+    print(f"wrote {given.campaign}: recordings on {rock.name}{beyond}; next: drillenv campaign plot {given.campaign}")
 
 
 def _run_summary(run: Run, given: argparse.Namespace, effects: Sequence[Chosen]) -> dict[str, Any]:
@@ -408,10 +440,10 @@ def _motion(given: argparse.Namespace) -> None:
         seed = count("seed", given.seed or 0, 0, 2**53)
         found = motions(setting, rock, rig, starts=given.starts, seed=seed, effects=effects)
     if given.json and given.starts is None:
-        _print_json(where | _motion_numbers(found[0]))
+        print_json(where | _motion_numbers(found[0]))
     elif given.json:
         listed = [_motion_numbers(each) | {"share": each.share} for each in found]
-        _print_json(where | {"starts": given.starts, "seed": given.seed or 0, "motions": listed})
+        print_json(where | {"starts": given.starts, "seed": given.seed or 0, "motions": listed})
     else:
         print(_place(setting, rock, effects))
         for each in found:
@@ -463,9 +495,7 @@ def _sweep(given: argparse.Namespace) -> None:
     if given.out is not None:
         result.plot(given.out)
     if given.json:
-        _print_json(
-            _where(setting, rock, effects, without=over) | {"over": over, "points": list(_sweep_points(result))}
-        )
+        print_json(_where(setting, rock, effects, without=over) | {"over": over, "points": list(_sweep_points(result))})
         return
     for direction in result.directions:
         print(f"{direction}:")
@@ -542,7 +572,7 @@ def _atlas(given: argparse.Namespace) -> None:
         "boundary_points": dataset.sizes["boundary_point"],
     }
     if given.json:
-        _print_json(summary)
+        print_json(summary)
         return
     print(f"P-1-I-1 exists at {100 * summary['exists']:.1f} % of the points, and is the only motion at ", end="")
     print(f"{100 * summary['only']:.1f} %; {summary['boundary_points']} points on its boundary")
@@ -568,7 +598,7 @@ def _diagnose(given: argparse.Namespace) -> None:
     report = diagnose(given.campaign, note)
     report.write(folder)
     if given.json:
-        _print_json(report.record)
+        print_json(report.record)
         return
     print(report.text())
     print(f"wrote report.html, report.json and model.json to {folder}")
@@ -590,7 +620,7 @@ def _prove(given: argparse.Namespace) -> None:
         folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, given.rig, note, True
     )
     if given.json:
-        _print_json(record)
+        print_json(record)
         return
     for name, group in record["summary"]["groups"].items():
         right, named = group["right"], group["named"]
@@ -622,7 +652,7 @@ def _paper(given: argparse.Namespace) -> None:
                 each.rmdir()
         raise
     if given.json:
-        _print_json(rows)
+        print_json(rows)
         return
     print(_columns("figure", "setting", "published", "computed", ""))
     for row in rows:
@@ -686,22 +716,6 @@ def _where(setting: Setting, rock: Rock, effects: Sequence[Chosen] = (), without
     pair = {"name": rock.name, "loading_stiffness": rock.loading_stiffness}
     beyond = {"effects": [effect_record(chosen) for chosen in effects]} if effects else {}
     return {"rock": pair | {"unloading_stiffness": rock.unloading_stiffness}, **controls, **beyond}
-
-
-def _print_json(value: object) -> None:
-    print(json.dumps(_plain(value), indent=2, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    """``value`` as JSON knows it: no arrays, and null where there is no finite number."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    convert: Callable[[], Any] | None = getattr(value, "tolist", None)
-    return value if convert is None else _plain(convert())
 
 
 if __name__ == "__main__":

@@ -14,15 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drillenv.checks import InputError, shown
+from drillenv.recordings.clock import seconds_of
 from drillenv.recordings.document import DOCUMENT, DeclaredRecording, Nominal, read_document
 from drillenv.recordings.findings import NOTE, QualityFinding
 from drillenv.recordings.table import Table
+from drillenv.recordings.units import known_unit
 from drillenv.rig import Setting
 
 MOST_BYTES = 2 * 2**30
 """Of one data file."""
 MOST_SAMPLES, LEAST_SAMPLES = 20_000_000, 2
 """Of one channel."""
+
+FileTime = NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +62,9 @@ class Recording:
     use: str = "fit"
     """"fit", or "held-out": for showing the fit, never for making it."""
     clock: NDArray[np.float64] | None = None
-    """(samples,) s, the time that the file itself gives each sample (the channel time, a column time_s, the increment
-    of a .tdms channel); None where it gives none. Quality checks hold ``sample_rate`` against it."""
+    """(samples,) s, the time that the file itself gives each sample (the channel time; a column named as times usually
+    are that goes up evenly; the increment of a .tdms or .lvm channel); None where it gives none. Quality checks hold
+    ``sample_rate`` against it."""
     findings: tuple[QualityFinding, ...] = ()
     """What reading the file had to say."""
 
@@ -98,7 +103,7 @@ def read_campaign(folder: str | os.PathLike[str]) -> Campaign:
     """Read a campaign folder: campaign.json and the data files it names.
 
     Samples are converted to SI and otherwise left as they are; :func:`drillenv.recordings.check_quality` says what is
-    wrong with them. Data files are .csv, .mat (v5 and v7.3), .h5 and .tdms.
+    wrong with them. Data files are .csv, .mat (v5 and v7.3), .h5, .tdms and .lvm.
 
     Args:
         folder: The folder that holds campaign.json.
@@ -119,7 +124,7 @@ def read_campaign(folder: str | os.PathLike[str]) -> Campaign:
 
 def _read_recording(folder: Path, declared: DeclaredRecording) -> Recording:
     try:
-        table = _reader(declared.file)(_inside(folder, declared.file), _columns(declared))
+        table = reader_of(declared.file)(_inside(folder, declared.file), _columns(declared))
         _check_sizes(table)
     except InputError as error:
         raise InputError(f"recording {shown(declared.name)}: {error}") from None
@@ -128,6 +133,8 @@ def _read_recording(folder: Path, declared: DeclaredRecording) -> Recording:
         with np.errstate(all="ignore"):  # an absurd value becomes an infinity, which the quality check reports
             samples = table.columns[channel.column] * channel.factor
         channels[name] = Channel(samples, channel.unit, channel.column)
+    clock, more = _clock(table, declared.sample_rate)
+    notes = (*table.notes, *more, *_other_units(declared, table))
     return Recording(
         name=declared.name,
         file=declared.file,
@@ -136,9 +143,34 @@ def _read_recording(folder: Path, declared: DeclaredRecording) -> Recording:
         starts=declared.starts,
         setting=declared.setting,
         use=declared.use,
-        clock=channels["time"].samples if "time" in channels else table.clock,
-        findings=tuple(_note(declared, text, table) for text in table.notes),
+        clock=channels["time"].samples if "time" in channels else clock,
+        findings=tuple(_note(declared, text, table) for text in notes),
     )
+
+
+def _clock(table: Table, sample_rate: float) -> tuple[FileTime, tuple[str, ...]]:
+    """(samples,) s, the file's own time, and what to note about it."""
+    if table.clock is None:
+        return None, ()
+    seconds = seconds_of(table.clock, sample_rate)
+    if seconds is None:
+        column = shown(table.clock.column)
+        return None, (f"its time {column} does not say its unit and was left aside: write it as {column[:-1]} [s]'",)
+    return seconds, ()
+
+
+def _other_units(declared: DeclaredRecording, table: Table) -> tuple[str, ...]:
+    """Notes on channels whose unit in the file is not the one in campaign.json."""
+    notes = []
+    for name, channel in declared.channels.items():
+        stated = table.units.get(channel.column, "")
+        unit = known_unit(stated)
+        if unit is not None and unit != channel.unit:
+            notes.append(
+                f"it gives {shown(channel.column)} in {unit}, {DOCUMENT} the channel {name} in {channel.unit}, which "
+                "was followed: correct one of them"
+            )
+    return tuple(notes)
 
 
 def _note(declared: DeclaredRecording, text: str, table: Table) -> QualityFinding:
@@ -156,13 +188,14 @@ def _check_sizes(table: Table) -> None:
         listed = ", ".join(f"{shown(column)} {size}" for column, size in sizes.items())
         raise InputError(f"its channels differ in length ({listed} samples): give channels sampled together")
     size = next(iter(sizes.values()))
-    if table.clock is not None and table.clock.size != size:
-        raise InputError(f"its own time has {table.clock.size} samples, its channels {size}: give one time a sample")
+    if table.clock is not None and table.clock.samples.size != size:
+        own = table.clock.samples.size
+        raise InputError(f"its own time has {own} samples, its channels {size}: give one time a sample")
     if not LEAST_SAMPLES <= size <= MOST_SAMPLES:
         raise InputError(f"it has {size} samples: give {LEAST_SAMPLES} to {MOST_SAMPLES}")
 
 
-def _reader(file: str) -> Callable[[Path, Sequence[str]], Table]:
+def reader_of(file: str) -> Callable[[Path, Sequence[str]], Table]:
     """The function that reads such a file. Each format's library is imported when a file needs it."""
     ending = PurePosixPath(file).suffix.lower()
     if ending == ".csv":
@@ -171,6 +204,8 @@ def _reader(file: str) -> Callable[[Path, Sequence[str]], Table]:
         from drillenv.recordings.read_mat import read_mat as read
     elif ending == ".h5":
         from drillenv.recordings.read_h5 import read_h5 as read
+    elif ending == ".lvm":
+        from drillenv.recordings.read_lvm import read_lvm as read
     else:
         from drillenv.recordings.read_tdms import read_tdms as read
     return partial(read, most=MOST_SAMPLES)

@@ -18,7 +18,7 @@ from drillenv.rocks import Rock
 FORMAT = "drillenv-campaign/1"
 DOCUMENT = "campaign.json"
 DRILL, ONE_BODY = "percussive-drill", "one-body"
-FILE_ENDINGS = (".csv", ".mat", ".h5", ".tdms")
+FILE_ENDINGS = (".csv", ".mat", ".h5", ".tdms", ".lvm")
 
 DRILL_CHANNELS = ("excitation", "force", "acceleration", "position", "velocity", "pressure", "time")
 BODY_CHANNELS = ("force", "position", "velocity", "acceleration", "time")
@@ -94,6 +94,8 @@ _BODY_NOMINAL: dict[str, tuple[Mapping[str, float], float, float]] = {
     "coulomb": (FORCE, 0.0, 1e12),
     "offset": (FORCE, -1e12, 1e12),
 }
+BODY_CONSTANTS = tuple(_BODY_NOMINAL)
+"""Of one body, by name."""
 
 
 def read_document(path: Path) -> Document:

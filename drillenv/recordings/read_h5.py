@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drillenv.checks import InputError, shown
-from drillenv.recordings.table import CLOCK, Table, as_floats, library, missing, series
+from drillenv.recordings.clock import CLOCK, clock_from, time_names
+from drillenv.recordings.table import Table, as_floats, library, missing, series
 
 MATLAB_NUMBERS = [f"{sign}int{bits}".encode() for sign in ("", "u") for bits in (8, 16, 32, 64)] + [
     b"double",
@@ -32,8 +33,31 @@ def read_h5(path: Path, columns: Sequence[str], most: int) -> Table:
 
         with h5py.File(path, "r") as file:
             found = {column: _samples(file, path, column, most) for column in columns}
-            clock = _samples(file, path, CLOCK, most) if CLOCK not in columns and _is_plain(file, CLOCK) else None
-    return Table(found, clock)
+            beside = columns[0].rpartition("/")[0].strip("/")  # the group of the channels, and the file itself
+            there = [f"{beside}/{name}" for name in _names(file, beside)] if beside else []
+            names = time_names([*there, *_names(file, "")], columns)
+            size = found[columns[0]].size
+            clocks = {name: _samples(file, path, name, most) for name in names if _is_row(file, name, size)}
+            units = {name: unit for name in [*columns, *clocks] if (unit := _stated_unit(file[name]))}
+    return Table(found, clock_from(clocks, size, units), units=units)
+
+
+def _names(file, group: str) -> list[str]:
+    """Of what lies in a group of the file itself."""
+    import h5py
+
+    place = file.get(group) if group else file
+    return list(place)[:1000] if isinstance(place, h5py.Group) else []
+
+
+def _stated_unit(dataset) -> str:
+    """What an attribute says of the unit; nothing where there is none."""
+    for name in ("units", "unit", "Unit", "Units"):
+        text = dataset.attrs.get(name)
+        text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+        if isinstance(text, str) and text.strip():
+            return text.strip()
+    return ""
 
 
 def _samples(file, path: Path, column: str, most: int) -> NDArray[np.float64]:
@@ -42,7 +66,7 @@ def _samples(file, path: Path, column: str, most: int) -> NDArray[np.float64]:
 
     dataset = _followed(file, path, column)
     if not isinstance(dataset, h5py.Dataset):
-        missing(path, column, _datasets(file), "dataset")
+        missing(path, column, datasets_in(file), "dataset")
     if dataset.is_virtual or dataset.external:
         raise InputError(
             f"dataset {shown(column)} of {shown(path.name)} lies in another file: put its numbers in this one"
@@ -86,18 +110,20 @@ def _followed(file, path: Path, column: str):
     return place
 
 
-def _is_plain(file, name: str) -> bool:
-    """Whether the file itself has a dataset of numbers of this name."""
+def _is_row(file, name: str, size: int) -> bool:
+    """Whether the file itself has a row of so many numbers of this name."""
     import h5py
 
     if not isinstance(file.get(name, getlink=True), h5py.HardLink):
         return False
     there = file[name]
-    return isinstance(there, h5py.Dataset) and there.dtype.kind in "iuf"
+    if not isinstance(there, h5py.Dataset) or there.dtype.kind not in "iuf" or there.shape is None:
+        return False
+    return (name == CLOCK or there.size == size) and max(there.shape, default=1) == there.size
 
 
-def _datasets(group, prefix: str = "", depth: int = 3) -> Iterator[str]:
-    """Names of the datasets, for a message."""
+def datasets_in(group, prefix: str = "", depth: int = 3) -> Iterator[str]:
+    """Names of the datasets of the file itself, of the first hundred of each group."""
     import h5py
 
     for name in list(group)[:100]:
@@ -106,4 +132,4 @@ def _datasets(group, prefix: str = "", depth: int = 3) -> Iterator[str]:
         if isinstance(group[name], h5py.Dataset):
             yield prefix + name
         elif depth:
-            yield from _datasets(group[name], f"{prefix}{name}/", depth - 1)
+            yield from datasets_in(group[name], f"{prefix}{name}/", depth - 1)

@@ -17,7 +17,8 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from drillenv.checks import InputError, shown
-from drillenv.recordings.table import CLOCK, Table, as_floats, library, missing, series
+from drillenv.recordings.clock import CLOCK, clock_from, is_time_name
+from drillenv.recordings.table import Table, as_floats, library, missing, series
 
 HEADER = 128
 """Bytes before the first element."""
@@ -68,11 +69,16 @@ def read_mat(path: Path, columns: Sequence[str], most: int) -> Table:
         from drillenv.recordings.read_h5 import read_h5
 
         return read_h5(path, columns, most)
+    order = _byte_order(path, head)
+    with library(path, "MATLAB file"):
+        return _read_version_5(path, order, columns, most)
+
+
+def _byte_order(path: Path, head: bytes) -> str:
     order = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}.get(head[124:])
     if order is None:
         raise InputError(f"{shown(path.name)} is no MATLAB file of version 5 or 7.3: save it with -v7 or -v7.3")
-    with library(path, "MATLAB file"):
-        return _read_version_5(path, order, columns, most)
+    return order
 
 
 def _read_version_5(path: Path, order: str, columns: Sequence[str], most: int) -> Table:
@@ -83,7 +89,7 @@ def _read_version_5(path: Path, order: str, columns: Sequence[str], most: int) -
     for element, is_packed in _elements(path, data, order):
         array = _described(path, _unpacked(path, element, order, MOST_HEAD) if is_packed else element, order)
         there.append(array.name)
-        if array.name in columns or (array.name == CLOCK and array.flags & 0xFF in NUMBERS):
+        if array.name in columns or (is_time_name(array.name) and _may_be_time(array, most)):
             _check(path, array, most)
             room = 8 * most + MOST_HEAD
             parts[array.name] = _unpacked(path, element, order, room) if is_packed else element
@@ -94,7 +100,37 @@ def _read_version_5(path: Path, order: str, columns: Sequence[str], most: int) -
     sound = b"".join(struct.pack(f"{order}II", MATRIX, len(part)) + part for part in parts.values())
     loaded = loadmat(io.BytesIO(data[:HEADER] + sound))
     found = {name: as_floats(loaded[name]) for name in parts}
-    return Table({column: found[column] for column in columns}, None if CLOCK in columns else found.get(CLOCK))
+    channels = {column: found.pop(column) for column in columns}
+    clocks = {name: found[name] for name in sorted(found, key=lambda name: name != CLOCK)}
+    return Table(channels, clock_from(clocks, channels[columns[0]].size))
+
+
+def rows_of_numbers(path: Path) -> dict[str, int]:
+    """Of each variable of a version 5 file that is a row or column of real numbers, how many there are.
+
+    Raises:
+        InputError: it is no such file, or is damaged.
+    """
+    with open(path, "rb") as file:
+        order = _byte_order(path, file.read(HEADER))
+    with library(path, "MATLAB file"):
+        found = {}
+        for element, is_packed in _elements(path, path.read_bytes(), order):
+            array = _described(path, _unpacked(path, element, order, MOST_HEAD) if is_packed else element, order)
+            size = int(np.prod(array.shape, dtype=object))
+            plain = array.flags & 0xFF in NUMBERS and not array.flags & (LOGICAL | COMPLEX)
+            if plain and size and size == max(array.shape, default=0):
+                found[array.name] = size
+    return found
+
+
+def _may_be_time(array: _Array, most: int) -> bool:
+    """Whether it is a row of real numbers, which a time must be; one by the name time_s is refused if it is none."""
+    if array.flags & 0xFF not in NUMBERS:
+        return False
+    size = int(np.prod(array.shape, dtype=object))
+    plain = not array.flags & (LOGICAL | COMPLEX) and size == max(array.shape, default=1) and size <= most
+    return array.name == CLOCK or plain
 
 
 def _elements(path: Path, data: bytes, order: str) -> Iterator[tuple[bytes, bool]]:

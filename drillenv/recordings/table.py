@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drillenv.checks import InputError, shown
-
-CLOCK = "time_s"
-"""A column of this name, where no channel claims it, is the file's own time in s."""
+from drillenv.recordings.clock import Clock
 
 
 class Table(NamedTuple):
@@ -22,10 +21,12 @@ class Table(NamedTuple):
 
     columns: dict[str, NDArray[np.float64]]
     """(samples,) each, in the file's units."""
-    clock: NDArray[np.float64] | None = None
-    """(samples,) the file's own time in s, where it gives one."""
+    clock: Clock | None = None
+    """The file's own time, where it gives one."""
     notes: tuple[str, ...] = ()
     """What a person should know about how the file was read."""
+    units: Mapping[str, str] = MappingProxyType({})
+    """The units that the file itself states, by column, where it does so beside the names."""
 
 
 @contextmanager

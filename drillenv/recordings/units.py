@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -56,6 +57,87 @@ _SPELLINGS = {
     "N s/mm": "N*s/mm",
     "Ns/mm": "N*s/mm",
 }
+
+
+TIME_UNITS: Mapping[str, float] = MappingProxyType({**_TIME, "us": 1e-6})
+"""Of a file's own time, which may be finer than a channel's."""
+
+_WORDS = {
+    "newton": "N",
+    "newtons": "N",
+    "kilonewton": "kN",
+    "kilonewtons": "kN",
+    "volt": "V",
+    "volts": "V",
+    "millivolt": "mV",
+    "millivolts": "mV",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "sek": "s",
+    "sekunden": "s",
+    "msec": "ms",
+    "milliseconds": "ms",
+    "\N{MICRO SIGN}s": "us",
+    "\N{GREEK SMALL LETTER MU}s": "us",
+    "m/s/s": "m/s^2",
+    "ms-2": "m/s^2",
+    "ms^-2": "m/s^2",
+    "g_n": "g",
+    "gn": "g",
+    "meter": "m",
+    "meters": "m",
+    "metre": "m",
+    "metres": "m",
+    "micron": "um",
+    "microns": "um",
+}
+"""Other ways in which files, but not campaign.json, may spell a unit; looked up in small letters."""
+_FOREIGN = {"Pa", "hPa", "MPa", "mbar", "psi", "kgf", "lbf", "cm", "in", "ft", "Hz", "%", "A", "mA", "C", "K"} | {
+    f"\N{DEGREE SIGN}{letter}" for letter in "CFK"
+}
+"""Units that a file may name, and a campaign not have."""
+_BRACKETED = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
+_AFTER_SLASH = re.compile(r"^(.*?)\s*(?:/|\bin)\s+(\S+)$|^([^/\s]+)/(\S+)$")
+_AFTER_UNDERSCORE = re.compile(r"^(.+)_([^_]+)$")
+
+
+def known_unit(text: str) -> str | None:
+    """The unit that a cell or a label of a file spells, with or without brackets; None where it is none."""
+    bare = text.strip().strip("[]()").strip()
+    spelled = _SPELLINGS.get(bare, bare) if bare not in ("", "-") else ""
+    spelled = _WORDS.get(bare.lower(), spelled)
+    every = {unit for units in CHANNEL_UNITS.values() for unit in units} | set(TIME_UNITS) | _FOREIGN
+    if spelled in every:
+        return spelled
+    lowered = {unit.lower(): unit for unit in ("kN", "V", "N", "bar", "kPa", "mm/s", "m/s")}
+    return lowered.get(spelled.lower())
+
+
+def _parted(name: str) -> tuple[str, str | None]:
+    """A column's name without its unit, and the unit: ``force [kN]``, ``t (s)``, ``Zeit/s``, ``force_kN``."""
+    match = re.match(r"^(.+)_m_s(2?)$", name.strip())
+    if match:
+        return match[1], "m/s^2" if match[2] else "m/s"
+    for pattern in (_BRACKETED, _AFTER_SLASH, _AFTER_UNDERSCORE):
+        match = pattern.match(name.strip())
+        if match:
+            bare, text = (part for part in match.groups() if part is not None)
+            for spelled in (text, text.replace("_", "/"), text.replace("s2", "s^2")):
+                unit = known_unit(spelled)
+                if unit is not None:
+                    return bare, unit
+    return name, None
+
+
+def named_unit(name: str) -> str | None:
+    """The unit that a column's name gives; the whole name where it is one."""
+    return known_unit(name) or _parted(name)[1]
+
+
+def without_unit(name: str) -> str:
+    """A column's name without the unit that it gives."""
+    return _parted(name)[0]
 
 
 def unit_of(where: str, given: object, allowed: Mapping[str, float]) -> str:

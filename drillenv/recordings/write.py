@@ -239,6 +239,15 @@ def _write_tdms(path: Path, table: Columns, sample_rate: float) -> None:
         writer.write_segment(channels)
 
 
+def check_new(folder: str | os.PathLike[str]) -> None:
+    """Find out before long work whether a folder can be made of that name.
+
+    Raises:
+        InputError: there is something of that name, or it is no name.
+    """
+    _target(folder)
+
+
 def _target(folder: str | os.PathLike[str]) -> Path:
     try:
         text = os.fspath(folder)

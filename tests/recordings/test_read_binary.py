@@ -101,7 +101,7 @@ def test_hdf5_time_is_read_only_where_it_is_plain(tmp_path):
     path = tmp_path / "r.h5"
     with h5py.File(path, "w") as file:
         file["x"], file["time_s"] = np.arange(3.0), [0.0, 0.1, 0.2]
-    np.testing.assert_array_equal(read_h5(path, ["x"], MOST).clock, [0.0, 0.1, 0.2])
+    np.testing.assert_array_equal(read_h5(path, ["x"], MOST).clock.samples, [0.0, 0.1, 0.2])
     assert read_h5(path, ["time_s"], MOST).clock is None
     with h5py.File(path, "w") as file:
         file["x"], file["time_s"] = np.arange(3.0), h5py.ExternalLink("other.h5", "/x")
@@ -128,7 +128,7 @@ def test_matlab_5(tmp_path):
         table = read_mat(path, ["row", "column", "single"], MOST)
         for samples in table.columns.values():
             np.testing.assert_array_equal(samples, np.arange(4.0))
-        np.testing.assert_array_equal(table.clock, [0.0, 0.1, 0.2, 0.3])
+        np.testing.assert_array_equal(table.clock.samples, [0.0, 0.1, 0.2, 0.3])
         for name, says in [
             ("missing", "no variable 'missing': give one of those it has"),
             ("table", "is 2 x 3"),
@@ -210,7 +210,7 @@ def test_labview(tmp_path):
     table = read_tdms(path, ["rig/x", "a/b/y"], MOST)
     np.testing.assert_array_equal(table.columns["rig/x"], np.arange(5.0))
     np.testing.assert_array_equal(table.columns["a/b/y"], np.arange(5.0))
-    np.testing.assert_allclose(table.clock, [0.0, 0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(table.clock.samples, [0.0, 0.1, 0.2, 0.3, 0.4])
     assert read_tdms(path, ["a/b/y"], MOST).clock is None  # 1 s is what LabVIEW writes where nothing was stated
     assert "no channel 'x': give one of those it has, 'a/b/y', 'rig/x'" in refusal(read_tdms, path)
     assert "no real numbers" in refusal(read_tdms, path, "rig/text")

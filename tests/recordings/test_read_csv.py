@@ -56,7 +56,6 @@ def test_the_same_numbers(read, text):
         "b;c\n1;-2,5\n30;0,4\n",
         "b\tc\n1,0\t-2,5\n30\t4,0E-1\n",
         "t;b;c\n01.02.2024;1;-2,5\n02.02.2024;30;0,4\n",
-        "b;c\n1;-2,5\n30;0,4\n".encode("utf-16"),
         'b;c\n"1";"-2,5"\n30;0,4\n',
     ],
 )
@@ -80,10 +79,57 @@ def test_what_is_no_number_becomes_nan(read):
 
 
 def test_the_files_own_time(read):
-    np.testing.assert_array_equal(read("time_s,b,c\n0,1,2\n0.5,3,4\n").clock, [0.0, 0.5])
+    np.testing.assert_array_equal(read("time_s,b,c\n0,1,2\n0.5,3,4\n").clock.samples, [0.0, 0.5])
     asked = read("time_s,b,c\n0,1,2\n0.5,3,4\n", ("time_s", "b"))
     assert asked.clock is None
     np.testing.assert_array_equal(asked.columns["time_s"], [0.0, 0.5])
+
+
+HEADED = "Kraft_\u00b5,b,c\n7,1,-2.5\n7,30,0.4\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "note"),
+    [
+        (HEADED.encode("utf-8"), None),
+        (HEADED.encode("latin-1"), "its text is no UTF-8 (byte 6) and was read as Windows-1252"),
+        (
+            HEADED.replace("\u00b5", "\u20ac").encode("cp1252"),
+            "its text is no UTF-8 (byte 6) and was read as Windows-1252",
+        ),
+        (HEADED.replace("\u00b5", "\x81").encode("latin-1"), "its text is no UTF-8 (byte 6) and was read as Latin-1"),
+        (HEADED.encode("utf-16"), "its text was read as UTF-16"),
+        (b"\xfe\xff" + HEADED.encode("utf-16-be"), "its text was read as UTF-16"),
+    ],
+)
+def test_encodings_are_read_and_said(read, data, note):
+    table = read(data)
+    np.testing.assert_array_equal(table.columns["b"], [1.0, 30.0])
+    np.testing.assert_array_equal(table.columns["c"], [-2.5, 0.4])
+    assert table.notes == (() if note is None else (note,))
+
+
+def test_a_name_in_latin_1_is_found(read):
+    table = read(HEADED.encode("latin-1"), ("Kraft_\u00b5",))
+    np.testing.assert_array_equal(table.columns["Kraft_\u00b5"], [7.0, 7.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "units"),
+    [
+        ("b,c\nV,kN\n1,-2.5\n30,0.4\n", {"b": "V", "c": "kN"}),
+        ("t,b,c\ns,[V],(kN)\n0,1,-2.5\n0.1,30,0.4\n", {"t": "s", "b": "V", "c": "kN"}),
+        ("b;c\n-;m/s\u00b2\n1;-2,5\n30;0,4\n", {"c": "m/s^2"}),
+        ("# b,c\n# Volts,Newtons\n1,-2.5\n30,0.4\n", {"b": "V", "c": "N"}),
+        ("b\tc\n\nV\tg\t\n\n1\t-2.5\n30\t0.4\n", {"b": "V", "c": "g"}),
+        ("b,c\n1,-2.5\n30,0.4\n", {}),
+    ],
+)
+def test_a_line_of_units(read, text, units):
+    table = read(text)
+    np.testing.assert_array_equal(table.columns["b"], [1.0, 30.0])
+    np.testing.assert_array_equal(table.columns["c"], [-2.5, 0.4])
+    assert table.units == units
 
 
 def test_an_end_that_may_be_cut_off_is_said(read):
@@ -104,7 +150,8 @@ def test_an_end_that_may_be_cut_off_is_said(read):
         ("b,c\n1,2\n\n3,4,5\n", "line 4 of 'r.csv' has 3 cells"),
         ("b,c\n0,1,0,2\n", "line 2 of 'r.csv' has 4 cells"),
         ("b,c\n1,2\n3,4,\n", "line 3 of 'r.csv' has 3 cells"),
-        ("b,c\nV,kN\n1,2\n", "line 2 of 'r.csv', column 'b', holds 'V'"),
+        ("b,c\nV,warm\n1,2\n", "line 2 of 'r.csv', column 'b', holds 'V'"),
+        ("b,c\nV,kN\nV,kN\n1,2\n", "line 3 of 'r.csv', column 'b', holds 'V'"),
         ("b,c\n1,2\n1,0x10\n", "line 3 of 'r.csv', column 'c', holds '0x10'"),
         ("b,c\n1,1_0\n", "holds '1_0'"),
         ("b,c\n1,1.2.3\n", "holds '1.2.3'"),
@@ -112,7 +159,8 @@ def test_an_end_that_may_be_cut_off_is_said(read):
         ("b;c\n1.5;2,5\n", "numbers with . and numbers with ,"),
         ("b;c\n1.000,5;2,5\n", "holds '1.000,5'"),
         ("b;c\n1,000,5;2\n", "holds '1.000,5'"),
-        (b"b,c\n1,\xb5\n", "is no text (byte 6)"),
+        (b"b,c\n1,\xb5\n", "column 'c', holds '\u00b5'"),
+        (b"b,c\n1,\xb5\x01\n", "is no text (byte 6)"),
         (b"b,c\n1,\0\n", "zero byte"),
         (b"\xff\xfeb", "is no text"),
         ("b,c\n" + "1,2\n" * 1001, "has 1001 samples: give at most 1000"),
