@@ -35,15 +35,22 @@ class _Header(NamedTuple):
     names: list[str]
 
 
-def read_csv(path: Path, columns: Sequence[str], most: int) -> Table:
+def read_csv(path: Path, columns: Sequence[str], most: int, below: int = 0) -> Table:
     """Read columns of a .csv. Empty cells become NaN; any other text where a number belongs is refused.
+
+    Args:
+        path: The file.
+        columns: Names of the columns, as the header has them.
+        most: Samples allowed.
+        below: Lines to pass over below the header, such as a line of units.
 
     Raises:
         InputError: it is no such text, has no such columns, or a line is broken.
     """
     with library(path, "text of comma-separated numbers"):
-        lines = _lines(path)
+        lines = text_lines(path)
         header = _header(path, lines, columns)
+        header = header._replace(line=header.line + below)
         rows = _rows(path, lines, header)
         if len(rows) > most:
             raise InputError(f"{shown(path.name)} has {len(rows)} samples: give at most {most}")
@@ -69,7 +76,12 @@ def read_csv(path: Path, columns: Sequence[str], most: int) -> Table:
     return Table(found, clock, notes)
 
 
-def _lines(path: Path) -> list[str]:
+def text_lines(path: Path) -> list[str]:
+    """The lines of a text in UTF-8 or UTF-16, whatever ends them.
+
+    Raises:
+        InputError: it is no text.
+    """
     data = path.read_bytes()
     encoding = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
     try:
@@ -89,7 +101,7 @@ def _header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> _Header
     for i, line in enumerate(lines[:HEADER_WITHIN]):
         bare = line.lstrip("#% \t") if line.lstrip().startswith(("#", "%")) else line
         for delimiter in ",;\t":
-            names = _cells(bare, delimiter)
+            names = cells_of(bare, delimiter)
             if all(column in names for column in columns) and (best is None or len(names) > len(best.names)):
                 best = _Header(i, delimiter, names)
         if best is not None:
@@ -105,7 +117,7 @@ def _header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> _Header
 def _no_header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> NoReturn:
     """Say which column is missing from the line that names most of them, or else from the first."""
     parted = [
-        _cells(line, delimiter) for line in lines[:HEADER_WITHIN] if line.strip() for delimiter in (",", ";", "\t")
+        cells_of(line, delimiter) for line in lines[:HEADER_WITHIN] if line.strip() for delimiter in (",", ";", "\t")
     ]
     if not parted:
         raise InputError(f"{shown(path.name)} is empty: give a header line and numbers below it")
@@ -118,7 +130,8 @@ def _no_header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> NoRe
     missing(path, lacking, closest, "column")
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """The cells of a line of a .csv, without what quotes them."""
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
     except csv.Error:
