@@ -184,6 +184,7 @@ def fit_law(samples: Samples, compliance: float, noise: Noise, start: Law) -> Fi
         law = scaled.moved(np.clip(steps, -1.5, 1.5))
         residual = residual_of(law, samples, compliance)
         try:
+            residual = without_noise(law, residual, samples, compliance, noise)
             root = cholesky(full_covariance(residual, samples, noise), lower=True, check_finite=False)
         except (LinAlgError, ValueError):
             return np.full(residual.values.size, 1e6)
@@ -196,24 +197,39 @@ def fit_law(samples: Samples, compliance: float, noise: Noise, start: Law) -> Fi
         raise InputError(
             f"no power law fits it (its exponent would be {law.exponent:.2g}, outside {EXPONENTS[0]:g} to {EXPONENTS[1]:g})"
         )
-    residual = residual_of(law, samples, compliance)
+    residual = without_noise(law, residual_of(law, samples, compliance), samples, compliance, noise)
     factor = cho_factor(full_covariance(residual, samples, noise), lower=True, check_finite=False)
     solved = cho_solve(factor, residual.by_parameters, check_finite=False)
     moved = np.linalg.inv(residual.by_parameters.T @ solved)
     return Fit(law, moved, moved @ solved.T @ _shared_errors(residual, samples))
 
 
-def residual_of(law: Law, samples: Samples, compliance: float) -> Residual:
-    """What a law leaves of a branch."""
-    depth = samples.displacement - compliance * samples.force
+def residual_of(law: Law, samples: Samples, compliance: float, depth: Floats | None = None) -> Residual:
+    """What a law leaves of a branch, with the slope at these depths in m, by default those that were measured."""
+    measured = samples.displacement - compliance * samples.force
+    depth = measured if depth is None else depth
     slope = law.slope(depth)
     return Residual(
         samples.samples,
-        samples.force - law.at(depth),
+        samples.force - law.at(depth) - slope * (measured - depth),
         1.0 + compliance * slope,
         -slope,
         law.derivatives(depth),
     )
+
+
+def without_noise(law: Law, residual: Residual, samples: Samples, compliance: float, noise: Noise) -> Residual:
+    """The residual of a law about the most likely depths, free of noise.
+
+    Its slope at measured depths would share their noise, which bends the law where the noise has a memory.
+    """
+    factor = cho_factor(full_covariance(residual, samples, noise), lower=True, check_finite=False)
+    weighed = cho_solve(factor, residual.values, check_finite=False)
+    n = weighed.size
+    of_displacement = noise.displacement.covariance(samples.samples, n) @ (residual.by_displacement * weighed)
+    of_force = noise.force.covariance(samples.samples, n) @ (residual.by_force * weighed)
+    depth = samples.displacement - of_displacement - compliance * (samples.force - of_force)
+    return residual_of(law, samples, compliance, depth)
 
 
 def full_covariance(residual: Residual, samples: Samples, noise: Noise) -> Floats:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from drillenv.checks import InputError, number
 from drillenv.indentation import parts
@@ -367,12 +366,12 @@ def _fit_pair(
 def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: float | None) -> IndentationTest:
     depth = fitted.displacement - (compliance or 0.0) * fitted.force
     peaks = [
-        _peak_forces(fits, fitted.force, depth, place, window)
+        _peak(fits[0].law, fitted, curve.time, depth, place, window)
         for fits, place, window in zip(fitted.fits, prepared.found, prepared.windows, strict=True)
     ]
     branches = [
-        (_branch(loading, high), _branch(unloading, low))
-        for (loading, unloading), (high, low) in zip(fitted.fits, peaks, strict=True)
+        (_branch(loading, peak.loading, peak.std), _branch(unloading, peak.unloading, peak.std))
+        for (loading, unloading), peak in zip(fitted.fits, peaks, strict=True)
     ]
     _check_certain(branches)
     loadings = [loading for loading, _ in branches]
@@ -389,7 +388,7 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
                 unloading,
                 _factor(loading, stable["k_l"]),
                 _factor(unloading, stable["k_u"]),
-                peak[0],
+                peak.loading,
                 held,
                 None if held is None else _creep(fitted.fits[i], peak),
                 prepared.found[i],
@@ -412,17 +411,19 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
     )
 
 
-def _branch(fit: Fit, peak: float) -> Branch:
+def _branch(fit: Fit, peak: float, peak_std: float) -> Branch:
     law = fit.law
+    # the line ends at the peak, which is known only so well
+    by_peak = (np.log(law.stiffness(1.01 * peak)) - np.log(law.stiffness(peak))) / np.log(1.01) * peak_std / peak
 
-    def estimate(quantity: Callable[[Law], float]) -> Estimate:
+    def estimate(quantity: Callable[[Law], float], more: float = 0.0) -> Estimate:
         value = quantity(law)
-        return positive(value, fit.std(lambda each: np.log(quantity(each))))
+        return positive(value, float(np.hypot(fit.std(lambda each: np.log(quantity(each))), more)))
 
     quantities = {"stiffness": lambda each: each.stiffness(peak), "exponent": lambda each: each.exponent}
     return Branch(
         law,
-        estimate(quantities["stiffness"]),
+        estimate(quantities["stiffness"], by_peak),
         estimate(lambda each: each.coefficient),
         estimate(quantities["exponent"]),
         symmetric(law.origin, fit.std(lambda each: each.origin)),
@@ -430,34 +431,46 @@ def _branch(fit: Fit, peak: float) -> Branch:
     )
 
 
-def _peak_forces(
-    fits: tuple[Fit, Fit], force: Floats, depth: Floats, place: Indentation, window: Window
-) -> tuple[float, float]:
+class _Peak(NamedTuple):
     """Force in N at which loading ends and unloading begins: less where it relaxed while the displacement was held."""
-    loading, unloading = fits[0].law, fits[1].law
+
+    loading: float
+    unloading: float
+    std: float
+
+
+def _peak(law: Law, fitted: _Fitted, time: Floats, depth: Floats, place: Indentation, window: Window) -> _Peak:
+    """The peak of an indentation: the usual force of a hold, or the loading law where the lines of depth over time meet."""
     width = max(1, (place.end - place.begin) // 150)
-    highest = float(parts.smoothed(force[place.begin : place.end], width).max())
+    smooth = parts.smoothed(fitted.force[place.begin : place.end], width)
+    highest = float(smooth.max())
+    std = float(np.sqrt(fitted.noise.force.covariance(width, 1)[0, 0]))
     if window.hold is not None:
-        held = force[window.hold]
+        held = fitted.force[window.hold]
         usual, last = float(np.median(held)), float(np.median(held[-max(3, held.size // 10) :]))
-        return (usual, usual) if last >= 0.98 * usual else (highest, last)
+        std = float(np.sqrt(fitted.noise.force.covariance(held.size, 1)[0, 0]))
+        return _Peak(usual, usual, std) if last >= 0.98 * usual else _Peak(highest, last, std)
+    loading, unloading = window.loading, window.unloading
+    rise = slice(loading.stop - max(6, (loading.stop - loading.start) // 4), loading.stop)
+    fall = slice(unloading.start, unloading.start + max(6, (unloading.stop - unloading.start) // 4))
+    begin = time[rise.stop - 1]
+    up, down = (np.polyfit(time[part] - begin, depth[part], 1) for part in (rise, fall))
+    if up[0] > 0.0 > down[0]:
+        at = (up[1] - down[1]) / (down[0] - up[0])
+        deepest = float(np.polyval(up, at))
+        force = float(law.at(np.array(deepest)))
+        if -1.0 <= at / (time[fall.start] - begin) <= 2.0 and abs(force / highest - 1.0) < 0.05:
+            shortest = min(rise.stop - rise.start, fall.stop - fall.start)
+            depth_std = 2.0 * float(np.sqrt(fitted.noise.displacement.covariance(shortest, 1)[0, 0]))
+            return _Peak(force, force, depth_std * float(law.slope(np.array(deepest))))
+    return _Peak(highest, highest, std)
 
-    def apart(at: float) -> float:
-        return loading.depth(at) - unloading.depth(at)
 
-    low, high = 0.9 * highest, 1.1 * highest
-    if apart(low) * apart(high) < 0.0:
-        crossing = float(brentq(apart, low, high))  # pyright: ignore[reportArgumentType]
-        if abs(crossing / highest - 1.0) < 0.05:
-            return crossing, crossing
-    return highest, highest
-
-
-def _creep(fits: tuple[Fit, Fit], peak: tuple[float, float]) -> Estimate:
+def _creep(fits: tuple[Fit, Fit], peak: _Peak) -> Estimate:
     """From where loading came to the peak to where unloading left it."""
     loading, unloading = fits
-    value = unloading.law.depth(peak[1]) - loading.law.depth(peak[0])
-    std = np.hypot(loading.std(lambda law: law.depth(peak[0])), unloading.std(lambda law: law.depth(peak[1])))
+    value = unloading.law.depth(peak.unloading) - loading.law.depth(peak.loading)
+    std = np.hypot(loading.std(lambda law: law.depth(peak.loading)), unloading.std(lambda law: law.depth(peak.unloading)))
     return symmetric(value, float(std))
 
 

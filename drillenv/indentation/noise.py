@@ -98,7 +98,7 @@ def covariance(samples: int, by_force: Floats, by_displacement: Floats, noise: N
 
 def estimate_noise(residuals: Sequence[Residual], start: Noise) -> Noise:
     """The noise that makes residuals most likely, less what the fit to them takes up (restricted maximum likelihood)."""
-    scales = np.array([start.force.white, start.displacement.white])
+    scales = np.array([np.hypot(channel.white, channel.slow) for channel in start])
     shapes: dict[tuple[int, int], list[Residual]] = {}
     for residual in residuals:
         shapes.setdefault((residual.samples, residual.values.size), []).append(residual)
@@ -146,9 +146,11 @@ def _logit(share: float) -> float:
 
 
 def _logs(noise: Noise, scales: Floats) -> Floats:
+    """Where to begin: away from the bounds, where the likelihood is flat."""
     parts = []
     for channel, scale in zip(noise, scales, strict=True):
-        parts += [np.log(channel.white / scale), np.log(channel.slow / scale), _logit(channel.memory)]
+        parts += [np.log(max(each, 0.1 * scale) / scale) for each in (channel.white, channel.slow)]
+        parts.append(_logit(min(max(channel.memory, 0.2), 0.95)))
     return np.array(parts)
 
 

@@ -198,14 +198,14 @@ def find_window(number: int, displacement: Floats, force: Floats, indentation: I
         LOWEST * height if part.min() < LOWEST * height else part.min() + (LOWEST + 0.02) * height
         for part in (load[: peak + 1], load[peak:])
     ]
-    first = _last_below(load[: peak + 1], floor[0]) + 1
+    # counted, not sought: the first sample beyond a limit is one whose noise took it there
+    rise = force[begin : begin + peak + 1]
+    first = int(np.count_nonzero(rise < floor[0]))
+    rise_end = int(np.count_nonzero(rise < HIGHEST * height))
     held = _plateau(load, depth, peak, first)
-    at_most = HIGHEST * height
-    rise_end = first + int(np.argmax(load[first : peak + 1] >= at_most))
-    down = load[held[1] :]
-    fall_begin = held[1] + int(np.argmax(down <= HIGHEST * load[held[1]]))
-    below = np.flatnonzero(load[fall_begin:] < floor[1])
-    fall_end = fall_begin + (int(below[0]) if below.size else load.size - fall_begin)
+    fall = force[begin + held[1] : end]
+    fall_begin = held[1] + int(np.count_nonzero(fall > HIGHEST * load[held[1]]))
+    fall_end = held[1] + int(np.count_nonzero(fall > floor[1]))
     for name, low, high in (("loading", first, rise_end), ("unloading", fall_begin, fall_end)):
         if high - low < FEWEST_IN_BRANCH:
             raise InputError(

@@ -27,7 +27,8 @@ class Made:
     force_noise: tuple = (3.0, 0.0, 0.0)  # N: white, autocorrelated, correlation from sample to sample
     displacement_noise: tuple = (0.1e-6, 0.0, 0.0)  # m
     quantum: float = 0.0  # m, of the displacement
-    hum: float = 0.0  # N, at 50 Hz
+    hum: float = 0.0  # N
+    mains: float = 50.1  # Hz
     origins: list = field(default_factory=list)  # filled in: first contact and residual depth of each
 
     @property
@@ -49,7 +50,7 @@ class Made:
         if self.quantum:
             displacement = self.quantum * np.round(displacement / self.quantum)
         force = force + self.zero + self.force_drift * time + coloured(rng, time.size, self.force_noise)
-        force += self.hum * np.sin(2 * np.pi * 50.0 * 1.0003 * time)
+        force += self.hum * np.sin(2 * np.pi * self.mains * time)
         return time, displacement, force, number
 
     def _true(self):
@@ -141,5 +142,6 @@ def drawn(rng, most=10, exponents=(0.85, 1.6)):
         zero=rng.uniform(-50, 50),
         force_drift=rng.uniform(-0.02, 0.02),
         displacement_drift=rng.uniform(-2e-8, 2e-8),
+        mains=rng.uniform(49.5, 50.5),
         **noisy,
     )
