@@ -178,10 +178,12 @@ def fit_law(samples: Samples, compliance: float, noise: Noise, start: Law) -> Fi
     Raises:
         InputError: no power law comes out.
     """
-    scaled = start
 
-    def whitened(steps: Floats) -> Floats:
-        law = scaled.moved(np.clip(steps, -1.5, 1.5))
+    def moved(places: Floats) -> Law:
+        return start.moved(np.clip(places - 1.0, -1.5, 1.5))
+
+    def whitened(places: Floats) -> Floats:
+        law = moved(places)
         residual = residual_of(law, samples, compliance)
         try:
             residual = without_noise(law, residual, samples, compliance, noise)
@@ -191,11 +193,13 @@ def fit_law(samples: Samples, compliance: float, noise: Noise, start: Law) -> Fi
         return solve_triangular(root, residual.values, lower=True, check_finite=False)
 
     with np.errstate(all="ignore"):
-        found = least_squares(whitened, np.zeros(3), method="lm", diff_step=1e-5, max_nfev=160)
-    law = scaled.moved(np.clip(found.x, -1.5, 1.5))
+        # about 1, since differences are taken relative to where it is
+        found = least_squares(whitened, np.ones(3), method="lm", diff_step=1e-6, max_nfev=200)
+    law = moved(found.x)
     if not EXPONENTS[0] < law.exponent < EXPONENTS[1]:
         raise InputError(
-            f"no power law fits it (its exponent would be {law.exponent:.2g}, outside {EXPONENTS[0]:g} to {EXPONENTS[1]:g})"
+            f"no power law fits it (its exponent would be {law.exponent:.2g}, "
+            f"outside {EXPONENTS[0]:g} to {EXPONENTS[1]:g})"
         )
     residual = without_noise(law, residual_of(law, samples, compliance), samples, compliance, noise)
     factor = cho_factor(full_covariance(residual, samples, noise), lower=True, check_finite=False)

@@ -1,4 +1,4 @@
-"""What drifts: the zero of the force, seen out of contact, and the displacement, seen where the machine stands still."""
+"""What drifts: the zero of the force, seen out of contact, and the displacement, where the machine stands still."""
 
 from __future__ import annotations
 
@@ -154,9 +154,7 @@ def find_drift(
         information += normal[1, 1] - normal[0, 1] ** 2 / normal[0, 0]
         projected += right[1] - normal[0, 1] * right[0] / normal[0, 0]
         coefficients = np.linalg.solve(normal, right)
-        shown.append(
-            Residual(samples, depth - design @ coefficients, np.zeros(when.size), np.ones(when.size), design)
-        )
+        shown.append(Residual(samples, depth - design @ coefficients, np.zeros(when.size), np.ones(when.size), design))
         lasted = float(np.hypot(lasted, np.ptp(when)))
     if not information:
         return Drift(), []

@@ -203,12 +203,12 @@ def fit_indentation(curve: str | Path | Curve, compliance: float | None = None) 
 
     Args:
         curve: A csv file, as :mod:`drillenv.indentation.reading` describes it, or what was read from one.
-        compliance: Of machine, load cell and indenter in m/N: what the displacement grows by per force beyond the rock. Without
-            it the stiffnesses are those of rock and machine in series.
+        compliance: Of machine, load cell and indenter in m/N: what the displacement grows by per force beside the rock.
+            Without it the stiffnesses are those of rock and machine in series.
 
     Raises:
-        InputError: the curve cannot be read; it lacks a branch, a part out of contact or samples; its stiffness lies outside
-            1e5 to 1e9 N/m; the compliance is larger than that of the whole; or no power law fits a branch.
+        InputError: the curve cannot be read; it lacks a branch, a part out of contact or samples; its stiffness lies
+            outside 1e5 to 1e9 N/m; the compliance is larger than that of the whole; or no power law fits a branch.
     """
     given = curve if isinstance(curve, Curve) else read_curve(curve)
     if compliance is not None:
@@ -230,8 +230,8 @@ def _prepare(curve: Curve) -> _Prepared:
         if not any(part.stop - part.start >= parts.FEWEST_FREE for part in stretches):
             where = f" of indentation {group[0] + 1}" if len(groups) > 1 else ""
             raise InputError(
-                f"no part{where} is free of contact: record {parts.FEWEST_FREE} samples or more before the indenter touches "
-                "the rock and after it has left, which tell zero force and drift"
+                f"no part{where} is free of contact: record {parts.FEWEST_FREE} samples or more before the indenter "
+                "touches the rock and after it has left, which tell zero force and drift"
             )
         free.append(stretches)
         zeros.append(find_zero(curve.time, curve.force, stretches, first_noise))
@@ -298,9 +298,7 @@ def _fit(curve: Curve, prepared: _Prepared, compliance: float) -> _Fitted:
     for round_ in range(ROUNDS):
         zeros = [find_zero(curve.time, curve.force, free, noise.force) for free in prepared.free]
         force = _without_zero(curve, prepared.found, prepared.groups, zeros)
-        drift, left = find_drift(
-            curve.time, curve.displacement, prepared.standing, noise.displacement, prepared.speed
-        )
+        drift, left = find_drift(curve.time, curve.displacement, prepared.standing, noise.displacement, prepared.speed)
         displacement = curve.displacement - drift.rate * (curve.time - curve.time[0])
         samples = [_samples(curve, prepared, zeros, drift, force, displacement, i) for i in range(count)]
         if laws is None:
@@ -343,7 +341,8 @@ def _samples(
     for part in (prepared.windows[i].loading, prepared.windows[i].unloading):
         when, samples = block_means(curve.time, part)
         load, depth = block_means(force, part)[0], block_means(displacement, part)[0]
-        drifted = drift.std * (when - curve.time[0])
+        # its mean only moves the origin
+        drifted = drift.std * (when - when.mean())
         pair.append(Samples(samples, load, depth, zero.error(when), drifted))
     return pair[0], pair[1]
 
@@ -370,8 +369,11 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
         for fits, place, window in zip(fitted.fits, prepared.found, prepared.windows, strict=True)
     ]
     branches = [
-        (_branch(loading, peak.loading, peak.std), _branch(unloading, peak.unloading, peak.std))
-        for (loading, unloading), peak in zip(fitted.fits, peaks, strict=True)
+        tuple(
+            _branch(fit, force, peak.std, fitted.drift.std * float(curve.time[part].mean() - curve.time[0]))
+            for fit, force, part in zip(fits, peak[:2], window[:2], strict=True)
+        )
+        for fits, peak, window in zip(fitted.fits, peaks, prepared.windows, strict=True)
     ]
     _check_certain(branches)
     loadings = [loading for loading, _ in branches]
@@ -390,7 +392,7 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
                 _factor(unloading, stable["k_u"]),
                 peak.loading,
                 held,
-                None if held is None else _creep(fitted.fits[i], peak),
+                None if held is None else _creep(fitted.fits[i], peak, fitted.drift.std * _apart(curve, window)),
                 prepared.found[i],
                 window,
             )
@@ -411,7 +413,8 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
     )
 
 
-def _branch(fit: Fit, peak: float, peak_std: float) -> Branch:
+def _branch(fit: Fit, peak: float, peak_std: float, drift_std: float) -> Branch:
+    """What a fit says, with the force of its peak and what the drift may have moved it by in m."""
     law = fit.law
     # the line ends at the peak, which is known only so well
     by_peak = (np.log(law.stiffness(1.01 * peak)) - np.log(law.stiffness(peak))) / np.log(1.01) * peak_std / peak
@@ -426,7 +429,7 @@ def _branch(fit: Fit, peak: float, peak_std: float) -> Branch:
         estimate(quantities["stiffness"], by_peak),
         estimate(lambda each: each.coefficient),
         estimate(quantities["exponent"]),
-        symmetric(law.origin, fit.std(lambda each: each.origin)),
+        symmetric(law.origin, float(np.hypot(fit.std(lambda each: each.origin), drift_std))),
         {name: fit.gradient(quantity) @ fit.shared for name, quantity in quantities.items()},
     )
 
@@ -440,7 +443,7 @@ class _Peak(NamedTuple):
 
 
 def _peak(law: Law, fitted: _Fitted, time: Floats, depth: Floats, place: Indentation, window: Window) -> _Peak:
-    """The peak of an indentation: the usual force of a hold, or the loading law where the lines of depth over time meet."""
+    """The usual force of a hold, or the loading law where the lines of depth over time before and after the peak meet."""
     width = max(1, (place.end - place.begin) // 150)
     smooth = parts.smoothed(fitted.force[place.begin : place.end], width)
     highest = float(smooth.max())
@@ -466,12 +469,17 @@ def _peak(law: Law, fitted: _Fitted, time: Floats, depth: Floats, place: Indenta
     return _Peak(highest, highest, std)
 
 
-def _creep(fits: tuple[Fit, Fit], peak: _Peak) -> Estimate:
+def _apart(curve: Curve, window: Window) -> float:
+    """Seconds from the middle of loading to that of unloading."""
+    return float(curve.time[window.unloading].mean() - curve.time[window.loading].mean())
+
+
+def _creep(fits: tuple[Fit, Fit], peak: _Peak, drift_std: float) -> Estimate:
     """From where loading came to the peak to where unloading left it."""
     loading, unloading = fits
     value = unloading.law.depth(peak.unloading) - loading.law.depth(peak.loading)
-    std = np.hypot(loading.std(lambda law: law.depth(peak.loading)), unloading.std(lambda law: law.depth(peak.unloading)))
-    return symmetric(value, float(std))
+    ends = loading.std(lambda law: law.depth(peak.loading)), unloading.std(lambda law: law.depth(peak.unloading))
+    return symmetric(value, float(np.linalg.norm([*ends, drift_std])))
 
 
 def _factor(one: Branch, stable: Common) -> Estimate:
@@ -498,8 +506,8 @@ def _check_certain(branches: Sequence[tuple[Branch, Branch]]) -> None:
             value, std = branch.stiffness.value, branch.stiffness.std
             if not std < UNCERTAIN * value:
                 raise InputError(
-                    f"the {name} stiffness of indentation {i} is {value:.3g} N/m with a standard deviation of {std:.3g} N/m: "
-                    "it cannot be told from this noise; sample more or load higher"
+                    f"the {name} stiffness of indentation {i} is {value:.3g} N/m with a standard deviation of "
+                    f"{std:.3g} N/m: it cannot be told from this noise; sample more or load higher"
                 )
 
 
@@ -509,13 +517,15 @@ def _warnings(
     found = []
     if compliance is None:
         found.append(
-            "no compliance of the machine is given: the stiffnesses are those of rock and machine in series; give --compliance"
+            "no compliance of the machine is given: the stiffnesses are those of rock and machine in series; "
+            "give --compliance"
         )
     if not all(zero.seen for zero in fitted.zeros):
         found.append("the force is out of contact on one side only: its zero is known, its drift is not")
     if not fitted.drift.seen:
         found.append(
-            "the machine never stands still out of contact: a drift of the displacement cannot be seen and is not corrected"
+            "the machine does not stand still long enough out of contact: a drift of the displacement cannot be seen "
+            "and is not corrected"
         )
     if not phases.tested:
         found.append(

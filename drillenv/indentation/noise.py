@@ -1,7 +1,7 @@
 """The noise of a curve: of the force and of the displacement, each white and autocorrelated, and how likely it is.
 
-Each channel has white noise and beside it noise of the first order, e_i = rho e_(i-1) + innovation. A difference r = F - f(x)
-between a measured force and a law of the measured displacement then has the covariance
+Each channel has white noise and beside it noise of the first order, e_i = rho e_(i-1) + innovation. A difference
+r = F - f(x) between a measured force and a law of the measured displacement then has the covariance
 
     V = (1 + C f') S_F (1 + C f') + f' S_x f'
 
@@ -42,7 +42,7 @@ class Channel(NamedTuple):
         return toeplitz(column)
 
     def derivatives(self, samples: int, blocks: int) -> list[Floats]:
-        """Three of (blocks, blocks): the covariance by the logarithms of white and slow and by the logit of the memory."""
+        """Three of (blocks, blocks): the covariance by the logarithms of white and slow and the logit of the memory."""
         rho, step = self.memory, 1e-5 * (1.0 - self.memory)
         by_memory = (remembered(rho + step, samples, blocks) - remembered(rho - step, samples, blocks)) / (2.0 * step)
         columns = (
@@ -54,7 +54,7 @@ class Channel(NamedTuple):
 
 
 def remembered(memory: float, samples: int, blocks: int) -> Floats:
-    """(blocks,) covariance of the means of so many samples each of a first-order process of variance 1, over the lag."""
+    """(blocks,) covariance over the lag of means of so many samples of a first-order process of variance 1."""
     m, rho = samples, memory
     lags = np.arange(1, m)
     beside = rho * ((1.0 - rho**m) / (m * (1.0 - rho))) ** 2
@@ -97,7 +97,7 @@ def covariance(samples: int, by_force: Floats, by_displacement: Floats, noise: N
 
 
 def estimate_noise(residuals: Sequence[Residual], start: Noise) -> Noise:
-    """The noise that makes residuals most likely, less what the fit to them takes up (restricted maximum likelihood)."""
+    """The noise that makes residuals most likely, beside what the fit takes up (restricted maximum likelihood)."""
     scales = np.array([np.hypot(channel.white, channel.slow) for channel in start])
     shapes: dict[tuple[int, int], list[Residual]] = {}
     for residual in residuals:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ def find_indentations(curve: Curve) -> list[Indentation]:
         return _by_turns(curve.force, 0, 1)
     edges = [0, *(np.flatnonzero(np.diff(curve.number)) + 1).tolist(), curve.force.size]
     found = []
-    for k, (begin, end) in enumerate(zip(edges[:-1], edges[1:], strict=True), 1):
+    for k, (begin, end) in enumerate(pairwise(edges), 1):
         if end - begin < 2 * FEWEST_IN_BRANCH:
             raise InputError(
                 f"indentation {k} has {end - begin} samples: give at least {FEWEST_IN_BRANCH} for each of its branches"
@@ -101,7 +102,8 @@ def _by_turns(force: Floats, offset: int, first: int) -> list[Indentation]:
         end = min((at for at in troughs if at > peak), default=None)
         if begin is None:
             raise InputError(
-                f"indentation {first + k} has no loading branch, the curve begins under load: give it from before the contact"
+                f"indentation {first + k} has no loading branch, the curve begins under load: "
+                "give it from before the contact"
             )
         if end is None:
             raise InputError(
@@ -114,7 +116,7 @@ def _by_turns(force: Floats, offset: int, first: int) -> list[Indentation]:
 
 
 def _turns(values: Floats, hysteresis: float) -> list[tuple[int, bool]]:
-    """Places of the extremes that the values then turn back from by more than ``hysteresis``, and whether each is a peak.
+    """Places of the extremes from which values turn back by more than ``hysteresis``, and whether each is a peak.
 
     The last extreme counts too if the values came to it by more than that.
     """
@@ -137,7 +139,7 @@ def _turns(values: Floats, hysteresis: float) -> list[tuple[int, bool]]:
 
 
 def zero_guess(force: Floats) -> float:
-    """The force out of contact, roughly: where values below a quarter of the range lie closest together (half-sample mode)."""
+    """The force out of contact, roughly: where values below a quarter of the range lie closest (half-sample mode)."""
     values = np.sort(force)
     values = values[values < values[0] + 0.25 * (values[-1] - values[0])]
     while values.size > 3:
@@ -150,8 +152,8 @@ def zero_guess(force: Floats) -> float:
 def out_of_contact(force: Floats, indentations: list[Indentation]) -> list[slice]:
     """The stretches before, between and after indentations in which the indenter does not touch the rock.
 
-    The beginning of the contact is judged from where the force passes 4 and 12 % of its peak, and twice the way between them
-    is kept clear of it. The first and the last stretch are always there, be they empty.
+    The beginning of the contact is judged from where the force passes 4 and 12 % of its peak, and twice the way between
+    them is kept clear of it. The first and the last stretch are always there, be they empty.
     """
     zero = zero_guess(force)
     edges = []
@@ -165,7 +167,7 @@ def out_of_contact(force: Floats, indentations: list[Indentation]) -> list[slice
         clear_after = after[0] - 2 * (after[1] - after[0]) if after[0] >= 0 else -1
         edges.append((begin + max(clear + 1, 0), end - max(clear_after + 1, 0)))
     stretches = [slice(indentations[0].begin, edges[0][0])]
-    for (_, leaves), (touches, _) in zip(edges[:-1], edges[1:], strict=True):
+    for (_, leaves), (touches, _) in pairwise(edges):
         if touches - leaves >= FEWEST_FREE:
             stretches.append(slice(leaves, touches))
     return [*stretches, slice(edges[-1][1], indentations[-1].end)]
@@ -209,8 +211,8 @@ def find_window(number: int, displacement: Floats, force: Floats, indentation: I
     for name, low, high in (("loading", first, rise_end), ("unloading", fall_begin, fall_end)):
         if high - low < FEWEST_IN_BRANCH:
             raise InputError(
-                f"the {name} branch of indentation {number} has {max(high - low, 0)} samples between {100 * LOWEST:.0f} and "
-                f"{100 * HIGHEST:.0f} % of its peak: give at least {FEWEST_IN_BRANCH}, sample faster or load slower"
+                f"the {name} branch of indentation {number} has {max(high - low, 0)} samples between "
+                f"{100 * LOWEST:.0f} and {100 * HIGHEST:.0f} % of its peak: give at least {FEWEST_IN_BRANCH}, sample faster or load slower"
             )
     usual = (1.0 - PLATEAU) * ((rise_end - first) + (fall_end - fall_begin)) / (HIGHEST - LOWEST)
     is_hold = held[1] - held[0] > HOLD * usual + 2 * width + 5

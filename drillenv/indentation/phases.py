@@ -33,9 +33,10 @@ class Phases(NamedTuple):
 def find_phases(stiffness: Sequence[float], std: Sequence[float], seed: int = 0) -> Phases:
     """From which indentation on the loading stiffness is constant but for scatter.
 
-    The statistic is the largest over all changes of the Student t by which the later indentations are stiffer than the earlier,
-    with the scatter within both groups, at least that of the measurement. Its distribution without growth is simulated. As
-    long as it lies in the highest 5 %, those before the most likely change are set aside, and the rest is tested again.
+    The statistic is the largest over all changes of the Student t by which the later indentations are stiffer than the
+    earlier, with the scatter within both groups, at least that of the measurement. Its distribution without growth is
+    simulated. As long as it lies in the highest 5 %, those before the most likely change are set aside, and the rest is
+    tested again.
 
     Args:
         stiffness, std: (indentations,) k_l in their order and their standard deviations.
@@ -56,7 +57,7 @@ def find_phases(stiffness: Sequence[float], std: Sequence[float], seed: int = 0)
 
 
 def _growth(values: Floats, least: float) -> tuple[Floats, NDArray[np.int64]]:
-    """(rows,) the largest t of a growth, and how many come before it; ``least`` is the smallest variance within groups."""
+    """(rows,) the largest t of a growth, and how many come before it; ``least`` is the smallest variance."""
     n = values.shape[1]
     statistics = []
     for before in range(1, n - 1):
@@ -81,12 +82,12 @@ class Common(NamedTuple):
 def combine(values: Sequence[float], std: Sequence[float], shared: Floats) -> Common:
     """The weighted mean of several indentations and the scatter between them.
 
-    The scatter makes the weighted sum of squares what it should be (Paule and Mandel 1982); the interval of the mean is that of
-    Hartung and Knapp (2001), never narrower than without scatter.
+    The scatter makes the weighted sum of squares what it should be (Paule and Mandel 1982); the interval of the mean is
+    that of Hartung and Knapp (2001), never narrower than without scatter.
 
     Args:
         values, std: (indentations,) and the standard deviations of what is each one's own error.
-        shared: (indentations, errors) by how much errors that all have in common move each value, in standard deviations.
+        shared: (indentations, errors) by how much each error that all have in common moves each value.
     """
     y, variances = np.asarray(values, float), np.asarray(std, float) ** 2
     n = y.size
@@ -97,11 +98,13 @@ def combine(values: Sequence[float], std: Sequence[float], shared: Floats) -> Co
     own = float(np.sqrt(excess / weights.sum()))
     common = float(np.linalg.norm(weights @ shared / weights.sum()))
     reach = float(np.hypot((student.ppf(0.975, n - 1) if n > 1 else INTERVAL) * own, INTERVAL * common))
-    return Common(Estimate(mean, float(np.hypot(own, common)), mean - reach, mean + reach), float(np.sqrt(scatter)), own)
+    return Common(
+        Estimate(mean, float(np.hypot(own, common)), mean - reach, mean + reach), float(np.sqrt(scatter)), own
+    )
 
 
 def _scatter(y: Floats, variances: Floats) -> float:
-    """Variance between indentations at which the weighted sum of squares is their number less one, 0 where it is below."""
+    """Variance between indentations at which the weighted sum of squares is their number less one, or 0."""
 
     def excess(between: float) -> float:
         weights = 1.0 / (variances + between)

@@ -37,7 +37,8 @@ class Made:
         pairs = zip(self.loading, self.unloading, strict=True)
         return [
             tuple(
-                self.peak * line(n) / k for k, n in zip(each, (self.loading_exponent, self.unloading_exponent), strict=True)
+                self.peak * line(n) / k
+                for k, n in zip(each, (self.loading_exponent, self.unloading_exponent), strict=True)
             )
             for each in pairs
         ]
@@ -62,7 +63,9 @@ class Made:
         for j, (down, up) in enumerate(self.depths):
             deepest = surface + down
             approach = np.arange(surface - self.gap, deepest, step)
-            held = deepest + self.creep * (1 - np.exp(-np.linspace(0, 5, int(self.hold * self.rate)))) / (1 - np.exp(-5))
+            held = deepest + self.creep * (1 - np.exp(-np.linspace(0, 5, int(self.hold * self.rate)))) / (
+                1 - np.exp(-5)
+            )
             deepest = deepest + (self.creep if self.hold else 0.0)
             residual = deepest - up
             retreat = np.arange(deepest, residual - self.gap, -step)
@@ -127,7 +130,12 @@ def drawn(rng, most=10, exponents=(0.85, 1.6)):
         "white": {"force_noise": (10 * size, 0, 0), "displacement_noise": (0.3e-6 * size, 0, 0)},
         "memory": {"force_noise": (2 * size, 8 * size, memory), "displacement_noise": (0.05e-6, 0.3e-6 * size, memory)},
         "both": {"force_noise": (10 * size, 0, 0), "displacement_noise": (0.1e-6, 0.3e-6 * size, memory)},
-        "coarse": {"force_noise": (10 * size, 0, 0), "displacement_noise": (0.1e-6, 0, 0), "quantum": 0.5e-6, "hum": 5.0},
+        "coarse": {
+            "force_noise": (10 * size, 0, 0),
+            "displacement_noise": (0.1e-6, 0, 0),
+            "quantum": 0.5e-6,
+            "hum": 5.0,
+        },
     }[str(kind)]
     return Made(
         list(k_l * (1 + scatter * rng.standard_normal(count))),
