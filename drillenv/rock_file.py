@@ -12,9 +12,9 @@
       "source": {"file": "granite.csv", "sha256": "9f86..."}
     }
 
-Stiffnesses are in N/m. Those named _std are errors of the means, the spreads the standard deviation from one indentation
-to another, which ``Rock.drawn`` draws from. ``early`` counts the indentations before the stable ones, and the factors are
-theirs. Format and both stiffnesses are needed, the rest may be left out.
+Stiffnesses are in N/m. Those named _std are errors of the means, the spreads the standard deviation from one
+indentation to another, which ``Rock.drawn`` draws from. ``early`` counts the indentations before the stable ones, and
+the factors are theirs. Format and both stiffnesses are needed, the rest may be left out.
 """
 
 from __future__ import annotations

@@ -103,6 +103,8 @@ def find_standing(time: Floats, displacement: Floats, first: slice, last: slice,
     """
     found = []
     for part, way in ((first, 1), (last, -1)):
+        if part.stop - part.start < FEWEST_STANDING:
+            continue
         (when, samples), (depth, _) = block_means(time, part), block_means(displacement, part)
         blocks = _standing(np.abs(when[::way] - when[::way][0]), depth[::way], speed)
         still = int(0.9 * blocks) * samples

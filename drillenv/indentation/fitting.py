@@ -443,7 +443,7 @@ class _Peak(NamedTuple):
 
 
 def _peak(law: Law, fitted: _Fitted, time: Floats, depth: Floats, place: Indentation, window: Window) -> _Peak:
-    """The usual force of a hold, or the loading law where the lines of depth over time before and after the peak meet."""
+    """The usual force of a hold, or the loading law where the lines of depth over time around the peak meet."""
     width = max(1, (place.end - place.begin) // 150)
     smooth = parts.smoothed(fitted.force[place.begin : place.end], width)
     highest = float(smooth.max())

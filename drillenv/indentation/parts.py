@@ -17,7 +17,7 @@ HYSTERESIS = 0.2
 """Share of the range of the force by which it must turn back before an indentation counts."""
 NOISE_TURNS = 8.0
 """The same in standard deviations of the noise, where that is more."""
-TOUCH, RISEN = 0.04, 0.12
+RISEN = (0.04, 0.12, 0.36)
 """Shares of the peak force from which the contact's beginning is judged."""
 LOWEST, HIGHEST = 0.03, 0.97
 """Shares of the peak force between which a branch is fitted: the toe and the rounded peak are left out."""
@@ -152,8 +152,8 @@ def zero_guess(force: Floats) -> float:
 def out_of_contact(force: Floats, indentations: list[Indentation]) -> list[slice]:
     """The stretches before, between and after indentations in which the indenter does not touch the rock.
 
-    The beginning of the contact is judged from where the force passes 4 and 12 % of its peak, and twice the way between
-    them is kept clear of it. The first and the last stretch are always there, be they empty.
+    The beginning of the contact is judged from where the force passes 4, 12 and 36 % of its peak, as that of
+    a power law. The first and the last stretch are always there, be they empty.
     """
     zero = zero_guess(force)
     edges = []
@@ -161,16 +161,26 @@ def out_of_contact(force: Floats, indentations: list[Indentation]) -> list[slice
         calm = smoothed(force[begin:end], max(1, (end - begin) // 300)) - zero
         top = peak - begin
         height = calm[top]
-        before = [_last_below(calm[: top + 1], share * height) for share in (TOUCH, RISEN)]
-        after = [_last_below(calm[top:][::-1], share * height) for share in (TOUCH, RISEN)]
-        clear = before[0] - 2 * (before[1] - before[0]) if before[0] >= 0 else -1
-        clear_after = after[0] - 2 * (after[1] - after[0]) if after[0] >= 0 else -1
+        clear = _before_contact([_last_below(calm[: top + 1], share * height) for share in RISEN])
+        clear_after = _before_contact([_last_below(calm[top:][::-1], share * height) for share in RISEN])
         edges.append((begin + max(clear + 1, 0), end - max(clear_after + 1, 0)))
     stretches = [slice(indentations[0].begin, edges[0][0])]
     for (_, leaves), (touches, _) in pairwise(edges):
         if touches - leaves >= FEWEST_FREE:
             stretches.append(slice(leaves, touches))
     return [*stretches, slice(edges[-1][1], indentations[-1].end)]
+
+
+def _before_contact(places: list[int]) -> int:
+    """The last place before the contact, -1 where there is none, from where the force passes thrice as much each time.
+
+    A power law takes q = 3^(1/n) times as long for each further factor of three; a quarter is added for safety.
+    """
+    low, middle, high = places
+    if low < 0:
+        return -1
+    q = (high - middle) / max(middle - low, 1)
+    return max(int(low - 1.25 * (middle - low) / max(q - 1.0, 0.4)) - 1, -1)
 
 
 def _last_below(values: Floats, level: float) -> int:
@@ -212,7 +222,8 @@ def find_window(number: int, displacement: Floats, force: Floats, indentation: I
         if high - low < FEWEST_IN_BRANCH:
             raise InputError(
                 f"the {name} branch of indentation {number} has {max(high - low, 0)} samples between "
-                f"{100 * LOWEST:.0f} and {100 * HIGHEST:.0f} % of its peak: give at least {FEWEST_IN_BRANCH}, sample faster or load slower"
+                f"{LOWEST:.0%} and {HIGHEST:.0%} of its peak: give at least {FEWEST_IN_BRANCH}, "
+                "sample faster or load slower"
             )
     usual = (1.0 - PLATEAU) * ((rise_end - first) + (fall_end - fall_begin)) / (HIGHEST - LOWEST)
     is_hold = held[1] - held[0] > HOLD * usual + 2 * width + 5

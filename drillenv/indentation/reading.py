@@ -4,8 +4,9 @@
     0.0,0.0000,0.001
 
 Columns are known by their names, in any order and among others: displacement (or extension, penetration, depth,
-position), force (or load), and where there are such, time and the number of the indentation (indentation, cycle or test).
-Each but the number has its unit in its name, "force (kN)", "force [kN]" or "force_kN", or in a line of units below.
+position), force (or load), and where there are such, time and the number of the indentation (indentation, cycle or
+test). Each but the number has its unit in its name, "force (kN)", "force [kN]" or "force_kN", or in a line of units
+below.
 """
 
 from __future__ import annotations
@@ -192,5 +193,6 @@ def _check_time(file: Path, time: NDArray, number: NDArray | None) -> None:
         at = int(np.argmax(backwards)) + 1
         raise InputError(
             f"the time in {shown(file.name)} does not grow at sample {at + 1} "
-            f"({time[at - 1]:g} s, then {time[at]:g} s): give the samples in the order they were taken, or leave the column of time out"
+            f"({time[at - 1]:g} s, then {time[at]:g} s): give the samples in the order they were taken, "
+            "or leave the column of time out"
         )
