@@ -120,7 +120,7 @@ def _indentations(record: object) -> Indentations:
             f"indentations has {len(sides[0])} stiffnesses of loading and {len(sides[1])} of unloading: "
             "give both of each indentation"
         )
-    return Indentations(*sides, count("early of indentations", record["early"], 0, len(sides[0])))
+    return Indentations(sides[0], sides[1], count("early of indentations", record["early"], 0, len(sides[0])))
 
 
 def rock_record(rock: Rock, means: Mapping[str, Estimate], file: str, sha256: str) -> dict[str, Any]:

@@ -220,8 +220,7 @@ def rock(choice: int | str | Path | Rock) -> Rock:
         if text in known:
             return known[text]
     # Callers without a type checker hand in floats and arrays too.
-    whole = isinstance(choice, int | np.integer) and not isinstance(choice, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
-    if whole and int(choice) in ROCKS:
+    if isinstance(choice, int | np.integer) and not isinstance(choice, bool) and int(choice) in ROCKS:
         return ROCKS[int(choice)]
     raise InputError(
         f"rock is {shown(choice)}: give a case of Table 2.2 (1 to 6), its name ({', '.join(names)}), "

@@ -204,8 +204,8 @@ def fit_law(samples: Samples, compliance: float, noise: Noise, start: Law) -> Fi
     residual = without_noise(law, residual_of(law, samples, compliance), samples, compliance, noise)
     factor = cho_factor(full_covariance(residual, samples, noise), lower=True, check_finite=False)
     solved = cho_solve(factor, residual.by_parameters, check_finite=False)
-    moved = np.linalg.inv(residual.by_parameters.T @ solved)
-    return Fit(law, moved, moved @ solved.T @ _shared_errors(residual, samples))
+    errors = np.linalg.inv(residual.by_parameters.T @ solved)
+    return Fit(law, errors, errors @ solved.T @ _shared_errors(residual, samples))
 
 
 def residual_of(law: Law, samples: Samples, compliance: float, depth: Floats | None = None) -> Residual:

@@ -52,7 +52,8 @@ def _curve(panel: Any, test: IndentationTest) -> None:
         panel.plot(depth, force, ".", color=PHASES[one.phase], ms=2.5, alpha=0.5, label=label)
         for branch, part in ((one.loading, one.window.loading), (one.unloading, one.window.unloading)):
             load = test.force[part]
-            at = np.linspace(*np.sort(smoothed(test.depth[part], max(1, load.size // 30))[[0, -1]]), 60)
+            ends = smoothed(test.depth[part], max(1, load.size // 30))[[0, -1]]
+            at = np.linspace(ends.min(), ends.max(), 60)
             panel.plot(1e3 * at - zero, 1e-3 * branch.law.at(at), color=LINE, lw=0.8)
     last = test.measured[-1]
     for branch, style in ((last.loading, "--"), (last.unloading, ":")):

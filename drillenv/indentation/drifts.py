@@ -76,7 +76,7 @@ def find_zero(time: Floats, force: Floats, free: Sequence[slice], noise: Channel
         normal += design.T @ solved
         right += solved.T @ value
     if both:
-        found = np.linalg.inv(normal)
+        found = np.asarray(np.linalg.inv(normal), dtype=np.float64)
         value, rate = found @ right
         return Zero(float(value), float(rate), found, middle, True)
     return Zero(float(right[0] / normal[0, 0]), 0.0, np.diag([1.0 / normal[0, 0], 0.0]), middle, False)

@@ -369,10 +369,7 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
         for fits, place, window in zip(fitted.fits, prepared.found, prepared.windows, strict=True)
     ]
     branches = [
-        tuple(
-            _branch(fit, force, peak.std, fitted.drift.std * float(curve.time[part].mean() - curve.time[0]))
-            for fit, force, part in zip(fits, peak[:2], window[:2], strict=True)
-        )
+        _pair(curve, fits, peak, window, fitted.drift)
         for fits, peak, window in zip(fitted.fits, peaks, prepared.windows, strict=True)
     ]
     _check_certain(branches)
@@ -411,6 +408,13 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
         fitted.force,
         warnings,
     )
+
+
+def _pair(curve: Curve, fits: tuple[Fit, Fit], peak: _Peak, window: Window, drift: Drift) -> tuple[Branch, Branch]:
+    """Loading and unloading, with what the drift may have moved their origins by."""
+    moved = [drift.std * float(curve.time[part].mean() - curve.time[0]) for part in window[:2]]
+    loading = _branch(fits[0], peak.loading, peak.std, moved[0])
+    return loading, _branch(fits[1], peak.unloading, peak.std, moved[1])
 
 
 def _branch(fit: Fit, peak: float, peak_std: float, drift_std: float) -> Branch:
