@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from drillenv.dynamics.motion import motions as motions
     from drillenv.dynamics.simulate import Run as Run
     from drillenv.dynamics.simulate import simulate as simulate
+    from drillenv.indentation import fit_indentation as fit_indentation
     from drillenv.rig import Rig as Rig
     from drillenv.rig import Setting as Setting
     from drillenv.rig import groups as groups
+    from drillenv.rock_file import read_rock as read_rock
     from drillenv.rocks import ROCKS as ROCKS
     from drillenv.rocks import Rock as Rock
     from drillenv.rocks import rock as rock
@@ -56,10 +58,12 @@ __all__ = [
     "atlas",
     "boundary",
     "diagnose",
+    "fit_indentation",
     "groups",
     "load_atlas",
     "motion",
     "motions",
+    "read_rock",
     "rock",
     "simulate",
     "sweep",
@@ -76,10 +80,12 @@ _HOME = {
     "Setting": "rig",
     "boundary": "atlas",
     "diagnose": "diagnosis.report",
+    "fit_indentation": "indentation",
     "groups": "rig",
     "load_atlas": "atlas",
     "motion": "dynamics.motion",
     "motions": "dynamics.motion",
+    "read_rock": "rock_file",
     "rock": "rocks",
     "simulate": "dynamics.simulate",
     "sweep": "atlas",

@@ -115,6 +115,7 @@ def _parser() -> Parser:
         ("sweep", _add_sweep, "the motions along a control or the rock's stiffness: a bifurcation diagram"),
         ("atlas", _add_atlas, "where one impact a period exists, over frequency, amplitude and pressure"),
         ("campaign", add_campaign, "write, check and look at the description of recordings"),
+        ("indentation", _add_indentation, "fit a quasi-static indentation test: the stiffnesses of a rock"),
         ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
         ("prove", _add_prove, "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
@@ -134,7 +135,8 @@ def _add_controls(parser: Parser, required: bool = True) -> None:
 def _add_rock(parser: Parser) -> None:
     group = parser.add_argument_group("rock")
     names = f"{ROCKS[1].name} to {ROCKS[6].name}"
-    group.add_argument("--rock", metavar="ROCK", help=f"case of Table 2.2, 1 to 6, or its name, {names} (default 4)")
+    note = f"case of Table 2.2, 1 to 6, or its name, {names}, or a rock file of an indentation test (default 4)"
+    group.add_argument("--rock", metavar="ROCK", help=note)
     limits = f"{STIFFNESS_LIMITS[0]:g} to {STIFFNESS_LIMITS[1]:g}"
     for way, symbol in (("loading", "k_l"), ("unloading", "k_u")):
         note = f"{symbol} of a rock of your own in N/m, {limits}; give both or none"
@@ -221,7 +223,10 @@ def _add_sweep(parser: Parser) -> None:
 
 def _add_atlas(parser: Parser) -> None:
     parser.add_argument(
-        "--rock", default="all", metavar="ROCKS", help="all, or cases or names with commas: 1,4 (default all)"
+        "--rock",
+        default="all",
+        metavar="ROCKS",
+        help="all, or cases, names or rock files with commas: 1,4 (default all)",
     )
     parser.add_argument("--out", required=True, metavar="FILE.nc", help="where the atlas goes, as NetCDF")
     note = "draw it too: slices in this file (.png, .pdf or .svg), the surface and the collapse on p / A beside it"
@@ -244,6 +249,20 @@ def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
     add_json(parser)
     parser.set_defaults(run=_diagnose)
+
+
+def _add_indentation(parser: Parser) -> None:
+    note = (
+        "csv of force over displacement, with units in its header: displacement (mm), force (kN), and time (s) if any"
+    )
+    parser.add_argument("curve", metavar="CURVE.csv", help=note)
+    note = "what the displacement grows by per force beside the rock: machine, load cell and indenter, in m/N"
+    parser.add_argument("--compliance", type=plain_number, metavar="M/N", help=note)
+    parser.add_argument("--out", metavar="ROCK.json", help="where the rock goes, which --rock takes")
+    parser.add_argument("--name", metavar="NAME", help="of the rock (default: that of the curve)")
+    parser.add_argument("--plot", metavar="FILE.png", help="draw curve and fits: .png, .pdf or .svg")
+    add_json(parser)
+    parser.set_defaults(run=_indentation)
 
 
 def _add_prove(parser: Parser) -> None:
@@ -602,6 +621,29 @@ def _diagnose(given: argparse.Namespace) -> None:
         return
     print(report.text())
     print(f"wrote report.html, report.json and model.json to {folder}")
+
+
+def _indentation(given: argparse.Namespace) -> None:
+    if given.out is not None:
+        choice("the ending of --out", Path(given.out).suffix.lower(), (".json",))
+        check_writable(given.out)
+    if given.plot is not None:
+        choice("the ending of --plot", Path(given.plot).suffix.lower(), (".png", ".pdf", ".svg"))
+        check_writable(given.plot)
+    from drillenv.indentation import fit_indentation
+
+    test = fit_indentation(given.curve, given.compliance)
+    if given.out is not None:
+        test.write_rock(given.out, given.name)
+    if given.plot is not None:
+        test.plot(given.plot)
+    if given.json:
+        print_json(test.record())
+        return
+    print(test.text())
+    for path in (given.out, given.plot):
+        if path is not None:
+            print(f"wrote {path}")
 
 
 def _prove(given: argparse.Namespace) -> None:

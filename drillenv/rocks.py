@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -19,13 +20,15 @@ _SLIPS = [(1e6, "kN/mm"), (1e3, "N/mm or kN/m"), (1e9, "MN/mm")]
 
 @dataclass(frozen=True, slots=True)
 class Indentations:
-    """The ten quasi-static indentations of one rock-indenter pair, in order (Table 2.2), in N/m.
+    """The quasi-static indentations of one rock-indenter pair, in order, in N/m; of Table 2.2 there are ten.
 
-    The first is the phase *impact*, the next four *compression*, the last five *stable*.
+    The first is the phase *impact*, the others of the ``early`` ones are *compression*, the rest *stable*.
     """
 
     loading: tuple[float, ...]
     unloading: tuple[float, ...]
+    early: int = 5
+    """How many come before the stable ones."""
 
     def phase(self, name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Loading and unloading stiffness of phase ``impact``, ``compression`` or ``stable``.
@@ -33,7 +36,12 @@ class Indentations:
         Raises:
             InputError: no such phase.
         """
-        parts = {"impact": slice(0, 1), "compression": slice(1, 5), "stable": slice(5, 10)}
+        first = min(self.early, 1)
+        parts = {
+            "impact": slice(0, first),
+            "compression": slice(first, self.early),
+            "stable": slice(self.early, None),
+        }
         part = parts[one_of("phase", name, tuple(parts))]
         return self.loading[part], self.unloading[part]
 
@@ -191,14 +199,20 @@ ROCKS = MappingProxyType(
 )
 
 
-def rock(choice: int | str | Rock) -> Rock:
-    """The rock meant by a case number of Table 2.2 (1 to 6, also as text), its name, or a Rock itself.
+def rock(choice: int | str | Path | Rock) -> Rock:
+    """The rock meant by a case number of Table 2.2 (1 to 6, also as text), its name, a rock file, or a Rock itself.
+
+    A rock file is a path that ends in .json.
 
     Raises:
         InputError: no such rock.
     """
     if isinstance(choice, Rock):
         return choice
+    if isinstance(choice, str | Path) and str(choice).strip().lower().endswith(".json"):
+        from drillenv.rock_file import read_rock
+
+        return read_rock(choice)
     names = {pair.name: pair for pair in ROCKS.values()}
     if isinstance(choice, str):
         text = choice.strip().lower().replace(" ", "")
@@ -206,10 +220,9 @@ def rock(choice: int | str | Rock) -> Rock:
         if text in known:
             return known[text]
     # Callers without a type checker hand in floats and arrays too.
-    whole = isinstance(choice, int | np.integer) and not isinstance(choice, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
-    if whole and int(choice) in ROCKS:
+    if isinstance(choice, int | np.integer) and not isinstance(choice, bool) and int(choice) in ROCKS:
         return ROCKS[int(choice)]
     raise InputError(
         f"rock is {shown(choice)}: give a case of Table 2.2 (1 to 6), its name ({', '.join(names)}), "
-        "or Rock(loading_stiffness, unloading_stiffness) in N/m"
+        "a rock file (.json), or Rock(loading_stiffness, unloading_stiffness) in N/m"
     )

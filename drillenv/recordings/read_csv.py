@@ -41,6 +41,11 @@ class _Header(NamedTuple):
 def read_csv(path: Path, columns: Sequence[str], most: int) -> Table:
     """Read columns of a .csv. Empty cells become NaN; any other text where a number belongs is refused.
 
+    Args:
+        path: The file.
+        columns: Names of the columns, as the header has them.
+        most: Samples allowed.
+
     Raises:
         InputError: it is no such text, has no such columns, or a line is broken.
     """
@@ -90,7 +95,7 @@ def _header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> _Header
     for i, line in enumerate(lines[:HEADER_WITHIN]):
         bare = line.lstrip("#% \t") if line.lstrip().startswith(("#", "%")) else line
         for delimiter in ",;\t":
-            names = _cells(bare, delimiter)
+            names = cells_of(bare, delimiter)
             if all(column in names for column in columns) and (best is None or len(names) > len(best.names)):
                 best = _Header(i, delimiter, names, {}, i + 1)
         if best is not None:
@@ -108,7 +113,7 @@ def _with_units(lines: Sequence[str], header: _Header, columns: Sequence[str]) -
     for i, line in enumerate(lines[header.line + 1 : header.line + 4], header.line + 1):
         if not line.strip():
             continue
-        cells = _cells(line.lstrip("#% ") if line.lstrip().startswith(("#", "%")) else line, header.delimiter)
+        cells = cells_of(line.lstrip("#% ") if line.lstrip().startswith(("#", "%")) else line, header.delimiter)
         if len(cells) not in (len(header.names), len(header.names) + 1):
             break
         stated = dict(zip(header.names, cells, strict=False))
@@ -133,10 +138,10 @@ def listed_columns(path: Path) -> dict[str, str | None]:
     filled = [line for line in lines[: HEADER_WITHIN + 4] if line.strip()]
     for i, line in enumerate(filled[:-1]):
         for delimiter in ",;\t":
-            names = _cells(line.lstrip("#% ") if line.lstrip().startswith(("#", "%")) else line, delimiter)
+            names = cells_of(line.lstrip("#% ") if line.lstrip().startswith(("#", "%")) else line, delimiter)
             for skipped in (1, 2):
-                below = [_cells(each, delimiter) for each in filled[i + skipped : i + skipped + 2]]
-                units = _cells(filled[i + 1].lstrip("#% "), delimiter) if skipped == 2 else []
+                below = [cells_of(each, delimiter) for each in filled[i + skipped : i + skipped + 2]]
+                units = cells_of(filled[i + 1].lstrip("#% "), delimiter) if skipped == 2 else []
                 if _is_header(names, units, below) and (best is None or len(names) > len(best[0])):
                     best = names, units, below[0]
         if best is not None:
@@ -170,7 +175,7 @@ def _is_number(cell: str) -> bool:
 def _no_header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> NoReturn:
     """Say which column is missing from the line that names most of them, or else from the first."""
     parted = [
-        _cells(line, delimiter) for line in lines[:HEADER_WITHIN] if line.strip() for delimiter in (",", ";", "\t")
+        cells_of(line, delimiter) for line in lines[:HEADER_WITHIN] if line.strip() for delimiter in (",", ";", "\t")
     ]
     if not parted:
         raise InputError(f"{shown(path.name)} is empty: give a header line and numbers below it")
@@ -183,7 +188,8 @@ def _no_header(path: Path, lines: Sequence[str], columns: Sequence[str]) -> NoRe
     missing(path, lacking, closest, "column")
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """The cells of a line of a .csv, without what quotes them."""
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
     except csv.Error:
