@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.bookkeeping import FEWEST, STANDS_OUT, Label, with_labels_checked
+from drillenv.diagnosis.bookkeeping import FEWEST, NORMAL, STANDS_OUT, Label, with_labels_checked
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
 from drillenv.diagnosis.drill import PRESSURE_LABEL, Recorded, first_states, resized
@@ -169,10 +169,13 @@ def other_pressures_fitted(outcome: Outcome) -> list[Label]:
     off = np.array([own[block.windows * block.state_count(own)] for block, own, _shared in every])
     found = []
     for i, (block, _own, _shared) in enumerate(every):
-        others = max(1.0, float(np.sqrt(np.mean(np.delete(off, i) ** 2)))) if len(every) > FEWEST else math.inf
-        if abs(off[i]) > STANDS_OUT * others:
+        others = np.delete(off, i)
+        # the gain follows one that is wrong, and takes the others with it
+        usual = float(np.median(others)) if len(every) > FEWEST else math.nan
+        spread = max(1.0, NORMAL * float(np.median(np.abs(others - usual))))
+        if abs(off[i] - usual) > STANDS_OUT * spread:
             stated = block.scene.pressure
-            seems = stated * (1.0 + PRESSURE_LABEL * float(off[i]))
+            seems = stated * (1.0 + PRESSURE_LABEL * (float(off[i]) - usual))
             found.append(Label(block.name, "pressure", stated, seems, PRESSURE_LABEL * stated))
     return found
 
