@@ -549,7 +549,7 @@ def _warnings(
         )
     if not all(zero.seen for zero in fitted.zeros):
         found.append(
-            "the force is out of contact on one side only: a drift of its zero is not corrected and not in the intervals"
+            "the force is out of contact once only: a drift of its zero is not corrected and not in the intervals"
         )
     if not fitted.drift.seen:
         found.append(
