@@ -378,6 +378,18 @@ BAD = [
     ["atlas", "--out", "atlas.nc", "--seed", "-1"],
     ["atlas", "--out", "atlas.nc", "--plot", "atlas.bmp"],
     ["atlas", "--out", "atlas.nc", "--plot", "missing/atlas.png"],
+    ["motion", *SETTING, "--rock", "missing.json"],
+    ["motion", *SETTING, "--rock", "x\0y.json"],
+    ["motion", *SETTING, "--rock", ".json"],
+    ["atlas", "--out", "atlas.nc", "--rock", "4,missing.json"],
+    ["indentation"],
+    ["indentation", ""],
+    ["indentation", "."],
+    ["indentation", "missing.csv"],
+    ["indentation", "missing.csv", "--compliance", "stiff"],
+    ["indentation", "missing.csv", "--out", "rock.txt"],
+    ["indentation", "missing.csv", "--out", "missing/rock.json"],
+    ["indentation", "missing.csv", "--plot", "fig.bmp"],
     ["paper"],
     ["paper", "--out", ""],
     ["paper", "--out", "\0"],
@@ -410,11 +422,11 @@ def test_exit_code_of_the_process(arguments):
 # --- The process
 
 
-@pytest.mark.parametrize("command", [[], ["simulate"], ["motion"], ["sweep"], ["atlas"], ["paper"]])
+@pytest.mark.parametrize("command", [[], ["simulate"], ["motion"], ["sweep"], ["atlas"], ["indentation"], ["paper"]])
 def test_help_says_units_and_ranges(command, capsys):
     assert cli.main([*command, "--help"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    for option in [] if not command or command == ["paper"] else ["kg", "N s/m"]:
+    for option in [] if not command or command in (["paper"], ["indentation"]) else ["kg", "N s/m"]:
         assert option in printed
     if command in (["simulate"], ["motion"], ["sweep"]):
         assert "10 to 250" in printed

@@ -145,13 +145,19 @@ class Fit:
     covariance: Floats
     """(3, 3)"""
     shared: Floats
-    """(3, errors) by how much an error of zero or drift of one standard deviation moves them: the same error for each
-    indentation of a curve. The covariance holds them too."""
+    """(3, errors) by how much an error of zero or, last, drift of one standard deviation moves them: the same error for
+    each indentation of a curve. The covariance holds them too."""
 
     def std(self, quantity: Callable[[Law], float]) -> float:
         """Standard deviation of a quantity of the law, a function of it."""
         gradient = self.gradient(quantity)
         return float(np.sqrt(gradient @ self.covariance @ gradient))
+
+    def std_without_drift(self, quantity: Callable[[Law], float]) -> float:
+        """The same with what the drift may have done left out."""
+        gradient = self.gradient(quantity)
+        by_drift = float(gradient @ self.shared[:, -1])
+        return float(np.sqrt(max(gradient @ self.covariance @ gradient - by_drift**2, 0.0)))
 
     def gradient(self, quantity: Callable[[Law], float]) -> Floats:
         """(3,) of a function of the law by the steps."""

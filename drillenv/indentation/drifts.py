@@ -36,7 +36,7 @@ class Zero:
     middle: float
     """s"""
     seen: bool
-    """Whether the rate was seen, from parts out of contact before and after."""
+    """Whether the rate was seen, from at least two parts out of contact."""
 
     def at(self, time: Floats) -> Floats:
         """(samples,) N."""
@@ -64,7 +64,6 @@ class Drift:
 def find_zero(time: Floats, force: Floats, free: Sequence[slice], noise: Channel) -> Zero:
     """The line through the parts out of contact, weighed by the noise of the force."""
     parts = [part for part in free if part.stop - part.start >= FEWEST_FREE]
-    both = len(parts) > 1 and parts[0] is free[0] and parts[-1] is free[-1]
     middle = float(np.mean([time[part].mean() for part in parts]))
     normal, right = np.zeros((2, 2)), np.zeros(2)
     for part in parts:
@@ -75,7 +74,7 @@ def find_zero(time: Floats, force: Floats, free: Sequence[slice], noise: Channel
         solved = cho_solve(factor, design)
         normal += design.T @ solved
         right += solved.T @ value
-    if both:
+    if len(parts) > 1:
         found = np.asarray(np.linalg.inv(normal), dtype=np.float64)
         value, rate = found @ right
         return Zero(float(value), float(rate), found, middle, True)

@@ -37,6 +37,8 @@ ROUNDS = 3
 """Of fitting laws and noise in turns."""
 MOST_FOR_NOISE = 6
 """Indentations from which the noise, common to all, is estimated."""
+RELAXED = 0.97
+"""Share of the peak force below which the end of a hold counts as relaxed."""
 UNCERTAIN = 0.5
 """Relative standard deviation above which a stiffness is none."""
 
@@ -379,7 +381,7 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
     measured = []
     for i, ((loading, unloading), peak) in enumerate(zip(branches, peaks, strict=True)):
         window = prepared.windows[i]
-        held = None if window.hold is None else float(np.ptp(curve.time[window.hold]))
+        held = None if window.hold is None else _held(curve, window.hold, window)
         measured.append(
             Measured(
                 "stable" if i >= phases.early else "impact" if i == 0 else "compression",
@@ -411,8 +413,9 @@ def _result(curve: Curve, prepared: _Prepared, fitted: _Fitted, compliance: floa
 
 
 def _pair(curve: Curve, fits: tuple[Fit, Fit], peak: _Peak, window: Window, drift: Drift) -> tuple[Branch, Branch]:
-    """Loading and unloading, with what the drift may have moved their origins by."""
-    moved = [drift.std * float(curve.time[part].mean() - curve.time[0]) for part in window[:2]]
+    """Loading and unloading, with what the drift may have moved their origins by until contact begins or ends."""
+    begins, ends = curve.time[window.loading.start], curve.time[window.unloading.stop - 1]
+    moved = [drift.std * float(when - curve.time[0]) for when in (begins, ends)]
     loading = _branch(fits[0], peak.loading, peak.std, moved[0])
     return loading, _branch(fits[1], peak.unloading, peak.std, moved[1])
 
@@ -433,7 +436,7 @@ def _branch(fit: Fit, peak: float, peak_std: float, drift_std: float) -> Branch:
         estimate(quantities["stiffness"], by_peak),
         estimate(lambda each: each.coefficient),
         estimate(quantities["exponent"]),
-        symmetric(law.origin, float(np.hypot(fit.std(lambda each: each.origin), drift_std))),
+        symmetric(law.origin, float(np.hypot(fit.std_without_drift(lambda each: each.origin), drift_std))),
         {name: fit.gradient(quantity) @ fit.shared for name, quantity in quantities.items()},
     )
 
@@ -455,8 +458,9 @@ def _peak(law: Law, fitted: _Fitted, time: Floats, depth: Floats, place: Indenta
     if window.hold is not None:
         held = fitted.force[window.hold]
         usual, last = float(np.median(held)), float(np.median(held[-max(3, held.size // 10) :]))
-        std = float(np.sqrt(fitted.noise.force.covariance(held.size, 1)[0, 0]))
-        return _Peak(usual, usual, std) if last >= 0.98 * usual else _Peak(highest, last, std)
+        if last < RELAXED * highest:
+            return _relaxed(law, fitted, depth, place.begin + int(np.argmax(smooth)), width, last)
+        return _Peak(usual, usual, float(np.sqrt(fitted.noise.force.covariance(held.size, 1)[0, 0])))
     loading, unloading = window.loading, window.unloading
     rise = slice(loading.stop - max(6, (loading.stop - loading.start) // 4), loading.stop)
     fall = slice(unloading.start, unloading.start + max(6, (unloading.stop - unloading.start) // 4))
@@ -473,17 +477,36 @@ def _peak(law: Law, fitted: _Fitted, time: Floats, depth: Floats, place: Indenta
     return _Peak(highest, highest, std)
 
 
+def _relaxed(law: Law, fitted: _Fitted, depth: Floats, top: int, width: int, last: float) -> _Peak:
+    """The peak of a hold in which the force fell to ``last``: the loading law at the depth from ``top`` on."""
+    reached = float(depth[top : top + width].mean())
+    std = float(np.sqrt(fitted.noise.displacement.covariance(width, 1)[0, 0])) * float(law.slope(np.array(reached)))
+    return _Peak(float(law.at(np.array(reached))), last, std)
+
+
+def _held(curve: Curve, hold: slice, window: Window) -> float:
+    """Seconds of a hold, without those that loading and unloading take near the peak."""
+    step = float(np.ptp(curve.time[hold])) / (hold.stop - hold.start - 1)
+    return float(np.ptp(curve.time[hold])) - step * parts.usual_stay(window.loading, window.unloading)
+
+
 def _apart(curve: Curve, window: Window) -> float:
-    """Seconds from the middle of loading to that of unloading."""
-    return float(curve.time[window.unloading].mean() - curve.time[window.loading].mean())
+    """Seconds from the end of loading to the beginning of unloading."""
+    return float(curve.time[window.unloading.start] - curve.time[window.loading.stop - 1])
 
 
 def _creep(fits: tuple[Fit, Fit], peak: _Peak, drift_std: float) -> Estimate:
     """From where loading came to the peak to where unloading left it."""
     loading, unloading = fits
     value = unloading.law.depth(peak.unloading) - loading.law.depth(peak.loading)
-    ends = loading.std(lambda law: law.depth(peak.loading)), unloading.std(lambda law: law.depth(peak.unloading))
-    return symmetric(value, float(np.linalg.norm([*ends, drift_std])))
+    ends = (
+        loading.std_without_drift(lambda law: law.depth(peak.loading)),
+        unloading.std_without_drift(lambda law: law.depth(peak.unloading)),
+    )
+    # a force held is the same for both
+    moved = peak.std / float(loading.law.slope(np.array(loading.law.depth(peak.loading))))
+    relaxed = moved if peak.loading != peak.unloading else 0.0
+    return symmetric(value, float(np.linalg.norm([*ends, drift_std, relaxed])))
 
 
 def _factor(one: Branch, stable: Common) -> Estimate:
@@ -525,11 +548,13 @@ def _warnings(
             "give --compliance"
         )
     if not all(zero.seen for zero in fitted.zeros):
-        found.append("the force is out of contact on one side only: its zero is known, its drift is not")
+        found.append(
+            "the force is out of contact once only: a drift of its zero is not corrected and not in the intervals"
+        )
     if not fitted.drift.seen:
         found.append(
-            "the machine does not stand still long enough out of contact: a drift of the displacement cannot be seen "
-            "and is not corrected"
+            "the machine does not stand still long enough out of contact: a drift of the displacement is not "
+            "corrected and not in the intervals"
         )
     if not phases.tested:
         found.append(

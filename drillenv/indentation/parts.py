@@ -23,7 +23,7 @@ LOWEST, HIGHEST = 0.03, 0.97
 """Shares of the peak force between which a branch is fitted: the toe and the rounded peak are left out."""
 PLATEAU = 0.985
 """Share of the peak force, and of the deepest displacement, above which the load may be held."""
-HOLD = 3.0
+HOLD = 2.0
 """So many times as long as loading and unloading would stay there, a stay at the peak is a hold."""
 FEWEST_IN_BRANCH = 12
 FEWEST_FREE = 10
@@ -225,16 +225,23 @@ def find_window(number: int, displacement: Floats, force: Floats, indentation: I
                 f"{LOWEST:.0%} and {HIGHEST:.0%} of its peak: give at least {FEWEST_IN_BRANCH}, "
                 "sample faster or load slower"
             )
-    usual = (1.0 - PLATEAU) * ((rise_end - first) + (fall_end - fall_begin)) / (HIGHEST - LOWEST)
-    is_hold = held[1] - held[0] > HOLD * usual + 2 * width + 5
+    usual = usual_stay(slice(first, rise_end), slice(fall_begin, fall_end))
+    is_hold = held[1] - held[0] > HOLD * usual + width + 5
     hold = slice(begin + held[0], begin + held[1]) if is_hold else None
     return Window(slice(begin + first, begin + rise_end), slice(begin + fall_begin, begin + fall_end), hold)
+
+
+def usual_stay(loading: slice, unloading: slice) -> float:
+    """Samples for which a load that is not held stays as near to its peak as a hold is looked for."""
+    return (1.0 - PLATEAU) * (loading.stop - loading.start + unloading.stop - unloading.start) / (HIGHEST - LOWEST)
 
 
 def _plateau(load: Floats, depth: Floats, peak: int, first: int) -> tuple[int, int]:
     """First and last place around the peak at which the force or the displacement is about as large as it gets."""
     deepest = depth[first:].max()
-    way = deepest - depth[first]
+    fallen = peak + int(np.argmax(load[peak:] < 0.5 * load[peak]))
+    # the shorter way: on the way of a soft loading a stiff unloading would be half over
+    way = min(deepest - depth[first], 2.0 * (deepest - depth[fallen]))
     near = (load >= PLATEAU * load[peak]) | (depth >= deepest - (1.0 - PLATEAU) * way)
     near[:first] = False
     places = np.flatnonzero(near)

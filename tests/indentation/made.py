@@ -19,7 +19,8 @@ class Made:
     gap: float = 30e-6  # m between indenter and rock before and after
     standing: float = 20.0  # s before the approach and after the retreat
     hold: float = 0.0  # s
-    creep: float = 0.0  # m
+    creep: float = 0.0  # m, at constant force
+    relaxation: float = 0.0  # share of the force lost at constant displacement instead
     compliance: float = 0.0  # m/N
     zero: float = 0.0  # N
     force_drift: float = 0.0  # N/s
@@ -67,13 +68,15 @@ class Made:
                 1 - np.exp(-5)
             )
             deepest = deepest + (self.creep if self.hold else 0.0)
-            residual = deepest - up
+            left = 1.0 - (self.relaxation if self.hold else 0.0)
+            relaxed = 1 - (1 - left) * (1 - np.exp(-np.linspace(0, 5, held.size))) / (1 - np.exp(-5))
+            residual = deepest - up * left ** (1 / self.unloading_exponent)
             retreat = np.arange(deepest, residual - self.gap, -step)
             loading = self.peak * (np.maximum(approach - surface, 0) / down) ** self.loading_exponent
             unloading = self.peak * (np.maximum(retreat - residual, 0) / up) ** self.unloading_exponent
             self.origins.append((surface, residual))
             depths += [approach, held, retreat]
-            forces += [loading, np.full(held.size, self.peak), unloading]
+            forces += [loading, self.peak * relaxed, unloading]
             numbers.append(np.full(approach.size + held.size + retreat.size, j + 1.0))
             surface = residual
         end = np.full(standing.size, depths[-1][-1])
@@ -137,8 +140,10 @@ def drawn(rng, most=10, exponents=(0.85, 1.6)):
             "hum": 5.0,
         },
     }[str(kind)]
+    loading = k_l * (1 + scatter * rng.standard_normal(count))
+    loading[0] *= rng.choice([1.0, 0.5, 0.2])  # the first is an impact, as soft as in Table 2.2
     return Made(
-        list(k_l * (1 + scatter * rng.standard_normal(count))),
+        list(loading),
         list(k_u * (1 + scatter * rng.standard_normal(count))),
         *(float(each) for each in n),
         peak=rng.uniform(1500, 4000),
@@ -153,3 +158,14 @@ def drawn(rng, most=10, exponents=(0.85, 1.6)):
         mains=rng.uniform(49.5, 50.5),
         **noisy,
     )
+
+
+def write(
+    path, time, displacement, force, header="time (s),displacement (mm),force (kN)", delimiter=",", scale=(1e3, 1e-3)
+):
+    """The curve as a csv; a semicolon brings decimal commas."""
+    rows = np.column_stack([time, scale[0] * displacement, scale[1] * force])
+    lines = [delimiter.join(f"{value:.9g}" for value in row) for row in rows]
+    text = "\n".join([header, *lines]) + "\n"
+    path.write_text(text.replace(".", ",") if delimiter == ";" else text, encoding="utf-8")
+    return path
