@@ -23,8 +23,9 @@ from drillenv.rig import AMPLITUDE_LIMITS, PRESSURE_LIMITS, Setting
 
 AMPLITUDE_OFF = 0.03
 """Relative error of a stated amplitude from which it is wrong: labs read theirs to one per cent."""
-SETTLING = 0.1
-"""Seconds after which the relative motion of the masses at the start is over."""
+SETTLING, STEADY = 0.1, 0.19
+"""Seconds after which the masses' relative motion at a start is over, and over which the force has to be averaged:
+the shaker's speed at both ends stands beside the static force with 1 % of it over these, and with more over less."""
 PRESSURE_SCATTER = 0.01
 """Relative standard deviation of a stated pressure, at least: so well regulators are read, and offsets of load cells
 scatter."""
@@ -138,7 +139,7 @@ def other_pressures(recordings: Sequence[Recording]) -> list[Label]:
     """Those whose mean force does not lie on the line of the others."""
     pressures = np.array([setting_of(each).pressure for each in recordings])
     means = np.array([mean_force(each) for each in recordings])
-    inside, found = np.ones(len(recordings), dtype=bool), []
+    inside, found = np.isfinite(means), []
     while len(found) < len(recordings) // MOST_WRONG and inside.sum() > FEWEST:
         offs = [off_line(pressures, means, i, inside) for i in np.flatnonzero(inside).tolist()]
         worst = int(np.argmax([each[0] for each in offs]))
@@ -170,10 +171,12 @@ def off_line(pressures: np.ndarray, means: np.ndarray, i: int, inside: np.ndarra
 
 
 def mean_force(recording: Recording) -> float:
-    """N, over whole periods up to the end of a recording, its start left out."""
+    """N, over whole periods up to the end of a recording, a start left out; NaN where they are too few."""
     setting, (_excitation, force, _acceleration) = what_is_needed(recording)
-    seconds = recording.seconds - (SETTLING if recording.seconds > 2.0 * SETTLING else 0.0)
-    periods = max(math.floor(seconds * setting.frequency), 1)
+    seconds = recording.seconds - (SETTLING if recording.starts == "fresh" else 0.0)
+    periods = math.floor(seconds * setting.frequency)
+    if periods < STEADY * setting.frequency:
+        return math.nan
     return float(force[-round(periods / setting.frequency * recording.sample_rate) :].mean())
 
 

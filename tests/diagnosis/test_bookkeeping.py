@@ -14,13 +14,13 @@ SITE = Site(drive=600.0, frequency=110.0)
 CONCEALED = ("contact-rate", "contact-toe", "damping-quadratic", "drive-droop", "rock-compaction", "sensor-offset")
 
 
-def made_with(name, seed, recordings=8):
+def made_with(name, seed, recordings=8, seconds=0.3):
     """A campaign that conceals a mechanism, or none."""
     rng, chosen = np.random.default_rng([41, seed]), ()
     if name is not None:
         (equation,) = (each for each in MECHANISMS[name].equations if each.of_library)
         chosen = (concealed(name, equation, rng, 1.0, SITE),)
-    return plain_campaign(rng, 4, chosen, recordings=recordings, seconds=0.3).campaign
+    return plain_campaign(rng, 4, chosen, recordings=recordings, seconds=seconds).campaign
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +106,13 @@ def test_of_few_recordings_no_pressure_is_doubted(campaigns):
     assert other_pressures(few) == []
 
 
+def test_a_start_says_nothing_of_the_pressure():
+    """Of 0.2 s from rest the mean force is that of the transient: once taken for the pressure, 8 % too low."""
+    campaign = made_with(None, 0, recordings=6, seconds=0.2)
+    assert {each.starts for each in campaign.recordings} == {"running", "fresh"}
+    assert with_labels_checked(campaign)[1] == []
+
+
 @pytest.mark.slow
 def test_a_wrong_pressure_does_not_make_a_verdict(campaigns):
     """Small errors are told by the fit, large ones by the mean force."""
@@ -121,15 +128,15 @@ def test_a_wrong_pressure_does_not_make_a_verdict(campaigns):
 
 
 @pytest.mark.slow
-def test_a_recording_that_alone_disagrees_is_set_aside(campaigns):
+def test_a_recording_that_alone_disagrees_is_set_aside():
     """One whose accelerometer was turned up by a tenth and a half, which no label says."""
-    campaign = campaigns[0]
+    campaign = made_with(None, 0, recordings=6, seconds=0.2)
     recordings = list(campaign.recordings)
-    channels = dict(recordings[5].channels)
+    channels = dict(recordings[3].channels)
     channels["acceleration"] = replace(channels["acceleration"], samples=1.15 * channels["acceleration"].samples)
-    recordings[5] = replace(recordings[5], channels=channels)
+    recordings[3] = replace(recordings[3], channels=channels)
     record = diagnose(replace(campaign, recordings=tuple(recordings))).record
     assert record["verdict"] == "agrees"
     assert record["bookkeeping"] == [
-        {"recording": recordings[5].name, "field": "use", "stated": "fit", "seems": "set aside", "std": None}
+        {"recording": recordings[3].name, "field": "use", "stated": "fit", "seems": "set aside", "std": None}
     ]
