@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import siegelslopes
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.condition import fit_excitation, what_is_needed
+from drillenv.diagnosis.condition import TOUCH, fit_excitation, what_is_needed, white_noise
 from drillenv.recordings import Campaign, Recording
 from drillenv.rig import AMPLITUDE_LIMITS, PRESSURE_LIMITS, Setting
 
@@ -37,7 +37,7 @@ FEWEST = 4
 """Recordings by which a line is known well enough to say that another is off it."""
 MOST_WRONG = 4
 """At most one label in so many recordings is corrected; where more are off, it is not the labels."""
-PRESSED, AT_ONCE, STANDING = 0.05, 1e-3, 0.08
+PRESSED, AT_ONCE, STANDING = 0.05, 1e-3, 0.12
 """Share of a usual peak that the force has not reached at rest; seconds by which an indenter at rest is pressed on;
 and m/s that errors of the sensors leave of its speed at the first peak."""
 
@@ -124,7 +124,7 @@ def other_starts(recordings: Sequence[Recording]) -> list[Label]:
 def is_running(force: np.ndarray, acceleration: np.ndarray, rate: float) -> bool:
     """Whether the first samples (n,) in N and m/s^2 are not those of a rig at rest against the rock."""
     level = float(np.percentile(force, 5.0))
-    pressed = level + PRESSED * (float(np.percentile(force, 99.0)) - level)
+    pressed = level + max(PRESSED * (float(np.percentile(force, 99.0)) - level), TOUCH * white_noise(force))
     if force[0] > pressed:
         return True
     on = np.flatnonzero(force > pressed)
