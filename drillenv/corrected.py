@@ -41,7 +41,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drillenv.checks import InputError, shown
-from drillenv.files import whole
+from drillenv.files import read_record, whole
 from drillenv.recordings.document import DRILL
 from drillenv.rig import Rig
 from drillenv.rocks import Rock
@@ -92,25 +92,7 @@ def read_model(path: str | Path) -> Corrected:
     Raises:
         InputError: no such file, not JSON, or not what the head of this module describes.
     """
-    file = Path(path)
-    try:
-        if file.stat().st_size > LARGEST_FILE:
-            raise InputError(f"model {file} has {file.stat().st_size} bytes: give a model file, at most {LARGEST_FILE}")
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"model {file} cannot be read ({error.strerror}): give the path of a model file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"model {file} is not text: give a JSON file of the format {FORMAT}") from None
-    try:
-        record = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"model {file} is not JSON ({shown(str(error))}): give a file of the format {FORMAT}"
-        ) from None
-    try:
-        return model_from_record(record)
-    except InputError as error:
-        raise InputError(f"model {file}: {error}") from None
+    return read_record(path, "model", FORMAT, LARGEST_FILE, model_from_record)
 
 
 def model_from_record(record: object) -> Corrected:

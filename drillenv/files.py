@@ -1,14 +1,50 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and JSON records read."""
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
 from drillenv.checks import InputError, shown
+
+T = TypeVar("T")
+
+
+def read_record(path: str | os.PathLike[str], what: str, form: str, largest: int, parse: Callable[[object], T]) -> T:
+    """What ``parse`` makes of the JSON record in a file.
+
+    Args:
+        path: The file.
+        what: What it is, for messages, such as ``model``.
+        form: The format that its record names, likewise.
+        largest: Bytes that it may have.
+        parse: From the parsed JSON.
+
+    Raises:
+        InputError: no such file, too large, no JSON, or what ``parse`` raises, with the name of the file.
+    """
+    file = Path(path)
+    try:
+        if file.stat().st_size > largest:
+            raise InputError(f"{what} {file} has {file.stat().st_size} bytes: give a {what} file, at most {largest}")
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{what} {file} cannot be read ({error.strerror}): give the path of a {what} file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{what} {file} is not text: give a JSON file of the format {form}") from None
+    try:
+        record = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{what} {file} is not JSON ({shown(str(error))}): give a file of the format {form}") from None
+    try:
+        return parse(record)
+    except InputError as error:
+        raise InputError(f"{what} {file}: {error}") from None
 
 
 @contextmanager

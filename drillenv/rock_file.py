@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drillenv.checks import InputError, count, number, shown
-from drillenv.files import whole
+from drillenv.files import read_record, whole
 from drillenv.rocks import STIFFNESS_LIMITS, Indentations, Rock
 
 if TYPE_CHECKING:
@@ -57,25 +57,7 @@ def read_rock(path: str | Path) -> Rock:
     """
     if not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path):
         raise InputError(f"rock file is {shown(path)}: give the path of a rock file")
-    file = Path(path)
-    try:
-        if file.stat().st_size > LARGEST_FILE:
-            raise InputError(f"rock file {file} has {file.stat().st_size} bytes: give one of at most {LARGEST_FILE}")
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"rock file {file} cannot be read ({error.strerror}): give the path of a rock file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"rock file {file} is not text: give a JSON file of the format {FORMAT}") from None
-    try:
-        record = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"rock file {file} is not JSON ({shown(str(error))}): give a file of the format {FORMAT}"
-        ) from None
-    try:
-        return rock_from_record(record)
-    except InputError as error:
-        raise InputError(f"rock file {file}: {error}") from None
+    return read_record(path, "rock", FORMAT, LARGEST_FILE, rock_from_record)
 
 
 def rock_from_record(record: object) -> Rock:

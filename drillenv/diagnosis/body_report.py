@@ -551,13 +551,13 @@ class BodyReport:
     def outcome(self) -> BodyOutcome:
         """The record, the model and the waves."""
         verdict, cells = self.verdict(), self.cells()
-        explained = verdict != "unexplained"
-        found, constants = self.findings() if explained else [], self.constants
+        holds = verdict != "unexplained"
+        found, constants = self.findings() if holds else [], self.constants
         record = {
             "verdict": verdict,
             "where": self.where(verdict, cells),
             "findings": found,
-            "parameters": self.parameters() if explained else {},
+            "parameters": self.parameters() if holds else {},
             "bookkeeping": [],
             "explained": self.explained.record,
             "fit": self.fit(),
@@ -572,7 +572,7 @@ class BodyReport:
         model = {
             "format": "drillenv-model/1",
             "rig": "one-body",
-            "constants": {name: each["value"] for name, each in constants.items()} if explained else {},
+            "constants": {name: each["value"] for name, each in constants.items()} if holds else {},
             "effects": [effect for each in found for effect in effects_of(each)],
         }
         return BodyOutcome(record, model, tuple(self.wave(body) for body in self.bodies))

@@ -18,28 +18,26 @@ from scipy.stats import siegelslopes
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import TOUCH, fit_excitation, what_is_needed, white_noise
+from drillenv.diagnosis.thresholds import (
+    AMPLITUDE_OFF,
+    AT_REST_FORCE,
+    AT_REST_SPEED,
+    MOST_WRONG,
+    PRESSURE_SCATTER,
+    STANDS_OUT,
+)
 from drillenv.recordings import Campaign, Recording
 from drillenv.rig import AMPLITUDE_LIMITS, PRESSURE_LIMITS, Setting
 
-AMPLITUDE_OFF = 0.03
-"""Relative error of a stated amplitude from which it is wrong: labs read theirs to one per cent."""
 SETTLING, STEADY = 0.1, 0.19
 """Seconds after which the masses' relative motion at a start is over, and over which the force has to be averaged:
 the shaker's speed at both ends stands beside the static force with 1 % of it over these, and with more over less."""
-PRESSURE_SCATTER = 0.01
-"""Relative standard deviation of a stated pressure, at least: so well regulators are read, and offsets of load cells
-scatter."""
-STANDS_OUT = 6.0
-"""Standard deviations off the line of the others from which a pressure is another one."""
-NORMAL = 1.4826
-"""Standard deviations of a normal distribution in its median absolute deviation."""
-FEWEST = 4
+MAD_TO_STD = 1.4826
+"""Standard deviation of a normal distribution, in median absolute deviations."""
+FEWEST_FOR_A_LINE = 4
 """Recordings by which a line is known well enough to say that another is off it."""
-MOST_WRONG = 4
-"""At most one label in so many recordings is corrected; where more are off, it is not the labels."""
-PRESSED, AT_ONCE, STANDING = 0.05, 1e-3, 0.12
-"""Share of a usual peak that the force has not reached at rest; seconds by which an indenter at rest is pressed on;
-and m/s that errors of the sensors leave of its speed at the first peak."""
+AT_REST_SECONDS = 1e-3
+"""Seconds within which an indenter at rest against the rock is pressed on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,33 +69,28 @@ class Label:
         return f"{self.recording}: its {self.field} is stated as {stated} and seems to be {seems}; it is taken so."
 
 
-def with_labels_checked(campaign: Campaign) -> tuple[Campaign, list[Label]]:
-    """A campaign of the drilling rig with labels put right where its samples contradict them, and those labels.
+def with_labels_corrected(campaign: Campaign) -> tuple[Campaign, list[Label]]:
+    """A campaign of the drilling rig with labels corrected where its samples contradict them, and those labels.
 
     Raises:
         InputError: a recording lacks a setting or a channel.
     """
-    found = [*other_amplitudes(campaign.recordings), *other_starts(campaign.recordings)]
-    found += other_pressures(campaign.recordings)
-    by_name: dict[str, list[Label]] = {}
+    found = [*mislabelled_amplitudes(campaign.recordings), *mislabelled_starts(campaign.recordings)]
+    found += mislabelled_pressures(campaign.recordings)
+    recordings = {each.name: each for each in campaign.recordings}
     for label in found:
-        by_name.setdefault(label.recording, []).append(label)
-    recordings = tuple(put_right(each, by_name.get(each.name, [])) for each in campaign.recordings)
-    return replace(campaign, recordings=recordings), found
+        recordings[label.recording] = relabelled(recordings[label.recording], label)
+    return replace(campaign, recordings=tuple(recordings.values())), found
 
 
-def put_right(recording: Recording, labels: Sequence[Label]) -> Recording:
-    """The recording with other labels."""
-    for label in labels:
-        if label.field == "starts":
-            recording = replace(recording, starts=str(label.seems))
-        else:
-            assert recording.setting is not None
-            recording = replace(recording, setting=replace(recording.setting, **{label.field: label.seems}))
-    return recording
+def relabelled(recording: Recording, label: Label) -> Recording:
+    """The recording with the label that it seems to have."""
+    if label.field == "starts":
+        return replace(recording, starts=str(label.seems))
+    return replace(recording, setting=replace(setting_of(recording), **{label.field: label.seems}))
 
 
-def other_amplitudes(recordings: Sequence[Recording]) -> list[Label]:
+def mislabelled_amplitudes(recordings: Sequence[Recording]) -> list[Label]:
     """Those whose excitation has another amplitude than stated."""
     found = []
     for each in recordings:
@@ -109,7 +102,7 @@ def other_amplitudes(recordings: Sequence[Recording]) -> list[Label]:
     return found
 
 
-def other_starts(recordings: Sequence[Recording]) -> list[Label]:
+def mislabelled_starts(recordings: Sequence[Recording]) -> list[Label]:
     """Those said to start from rest on fresh rock that were running."""
     found = []
     for each in recordings:
@@ -124,26 +117,26 @@ def other_starts(recordings: Sequence[Recording]) -> list[Label]:
 def is_running(force: np.ndarray, acceleration: np.ndarray, rate: float) -> bool:
     """Whether the first samples (n,) in N and m/s^2 are not those of a rig at rest against the rock."""
     level = float(np.percentile(force, 5.0))
-    pressed = level + max(PRESSED * (float(np.percentile(force, 99.0)) - level), TOUCH * white_noise(force))
+    pressed = level + max(AT_REST_FORCE * (float(np.percentile(force, 99.0)) - level), TOUCH * white_noise(force))
     if force[0] > pressed:
         return True
     on = np.flatnonzero(force > pressed)
-    if not on.size or on[0] > AT_ONCE * rate:
+    if not on.size or on[0] > AT_REST_SECONDS * rate:
         return True
     off = np.flatnonzero(force[on[0] :] < pressed)
     peak = int(on[0] + np.argmax(force[on[0] : on[0] + off[0]])) if off.size else int(np.argmax(force))
-    return abs(float(np.trapezoid(acceleration[: peak + 1])) / rate) > STANDING
+    return abs(float(np.trapezoid(acceleration[: peak + 1])) / rate) > AT_REST_SPEED
 
 
-def other_pressures(recordings: Sequence[Recording]) -> list[Label]:
+def mislabelled_pressures(recordings: Sequence[Recording]) -> list[Label]:
     """Those whose mean force does not lie on the line of the others."""
     pressures = np.array([setting_of(each).pressure for each in recordings])
     means = np.array([mean_force(each) for each in recordings])
     inside, found = np.isfinite(means), []
-    while len(found) < len(recordings) // MOST_WRONG and inside.sum() > FEWEST:
-        offs = [off_line(pressures, means, i, inside) for i in np.flatnonzero(inside).tolist()]
-        worst = int(np.argmax([each[0] for each in offs]))
-        off, seems, std = offs[worst]
+    while len(found) < len(recordings) // MOST_WRONG and inside.sum() > FEWEST_FOR_A_LINE:
+        residuals = [leave_one_out_residual(pressures, means, i, inside) for i in np.flatnonzero(inside).tolist()]
+        worst = int(np.argmax([each[0] for each in residuals]))
+        off, seems, std = residuals[worst]
         if off < STANDS_OUT or not PRESSURE_LIMITS[0] <= seems <= PRESSURE_LIMITS[1]:
             break
         i = int(np.flatnonzero(inside)[worst])
@@ -152,8 +145,10 @@ def other_pressures(recordings: Sequence[Recording]) -> list[Label]:
     return found
 
 
-def off_line(pressures: np.ndarray, means: np.ndarray, i: int, inside: np.ndarray) -> tuple[float, float, float]:
-    """By how many standard deviations a recording is off the line of the others.
+def leave_one_out_residual(
+    pressures: np.ndarray, means: np.ndarray, i: int, inside: np.ndarray
+) -> tuple[float, float, float]:
+    """By how many standard deviations the mean force of recording i is off the line of the others.
 
     And its pressure by that line in bar, with the standard deviation of that.
     """
@@ -166,7 +161,7 @@ def off_line(pressures: np.ndarray, means: np.ndarray, i: int, inside: np.ndarra
         return 0.0, 0.0, 0.0
     left = means[others] - level - slope * pressures[others]
     expected = level + slope * pressures[i]
-    scatter = max(NORMAL * float(np.median(np.abs(left))), PRESSURE_SCATTER * abs(expected))
+    scatter = max(MAD_TO_STD * float(np.median(np.abs(left))), PRESSURE_SCATTER * abs(expected))
     return abs(float(means[i] - expected)) / scatter, float((means[i] - level) / slope), float(scatter / slope)
 
 

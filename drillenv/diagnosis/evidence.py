@@ -50,7 +50,7 @@ def explained(before: Floats, after: Floats, of: str) -> Explained:
     return Explained(min(share, 1.0), min(float(low), 1.0), min(float(high), 1.0), of)
 
 
-def classify(found: bool, outside: bool, off: bool, left: bool, gone: Explained) -> Verdict:
+def classify(found: bool, outside: bool, off: bool, left: bool, share: Explained) -> Verdict:
     """The verdict.
 
     Args:
@@ -58,9 +58,9 @@ def classify(found: bool, outside: bool, off: bool, left: bool, gone: Explained)
         outside: Whether one of them is none of the library's.
         off: Whether constants are off by several of their tolerances.
         left: Whether more is left than the noise and what nobody would ask about.
-        gone: What is explained of the mismatch.
+        share: What is explained of the mismatch.
     """
-    if outside or (left and (gone.low if found else gone.share) < WELL_EXPLAINED):
+    if outside or (left and (share.low if found else share.share) < WELL_EXPLAINED):
         return "unexplained"
     if found:
         return "missing-physics"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -226,10 +226,9 @@ def excess(outcome: Outcome) -> list[dict[str, Any]]:
     """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime."""
     cells = []
     for settled in settled_of(outcome.plain):
-        block, own, _shared = settled
-        raw = block.integrate(block.hypothesis.model(outcome.plain.values, block.scene), own)
-        left = whitened(settled)
-        force = raw.said[0, :: block.over][block.steady]
+        block = settled.block
+        _reading, left, force = predicted(settled)
+        force = force[block.steady]
         rising = np.gradient(force) > 0.0
         for regime, mask in zip(CELLS, (force <= 0.0, (force > 0.0) & rising, (force > 0.0) & ~rising), strict=True):
             for channel, signal in zip(("force", "acceleration"), left, strict=True):
@@ -316,9 +315,10 @@ def rest(outcome: Outcome) -> dict[str, Any]:
     """What is left beyond the noise, of recordings held out where there are any."""
     channels, words = {}, []
     every = outcome.held_fits[1] or settled_of(outcome.final)
-    left = [(each.block.measured - reading(each))[:, each.block.steady] for each in every]
+    found = [predicted(each) for each in every]
+    left = [(each.block.measured - one.reading)[:, each.block.steady] for each, one in zip(every, found, strict=True)]
     whole = np.concatenate([each.block.measured[:, each.block.steady] for each in every], axis=1)
-    white = np.concatenate([whitened(each) for each in every], axis=1)
+    white = np.concatenate([one.residual for one in found], axis=1)
     for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2"))):
         over = float(np.mean(white[j] ** 2))
         root = float(np.sqrt(np.mean(np.concatenate([each[j] for each in left]) ** 2)))
@@ -329,11 +329,24 @@ def rest(outcome: Outcome) -> dict[str, Any]:
     return {"summary": text, "channels": channels, "shapes": [], "lines": []}
 
 
-def whitened(settled: Settled) -> Floats:
-    """(2, n) residuals over the noise, where both channels are judged."""
+class Predicted(NamedTuple):
+    """What a model says of a recording."""
+
+    reading: Floats
+    """(2, n) of the force cell in N and of the accelerometer in m/s^2."""
+    residual: Floats
+    """(2, steady) whitened, where both channels are judged."""
+    force: Floats
+    """(n,) N of the rock."""
+
+
+def predicted(settled: Settled) -> Predicted:
+    """What a model says of a recording."""
     block, own, shared = settled
-    raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own)
-    return block.residual(shared * block.widths, raw.said, own)[:, block.wait :]
+    values = shared * block.widths
+    raw = block.integrate(block.hypothesis.model(values, block.scene), own)
+    residual = block.residual(values, raw.said, own)[:, block.wait :]
+    return Predicted(block.read(values, raw.said) + block.disturbance(own), residual, raw.said[0, :: block.over])
 
 
 def rejected(steps: Sequence[Step], tested: Tested) -> list[dict[str, str]]:
@@ -373,21 +386,13 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
         block = after.block
         inside = block.steady
         time = np.arange(block.data.force.size)[inside] / block.data.rate
-        said = [reading(each)[:, inside] for each in (before, after)]
+        said = [predicted(each).reading[:, inside] for each in (before, after)]
         traces = tuple(
             Trace(channel, unit, block.measured[j, inside], said[0][j], said[1][j])
             for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2")))
         )
         made.append(Wave(block.scene.name, i >= len(fitted), time, traces))
     return tuple(made)
-
-
-def reading(settled: Settled) -> Floats:
-    """(2, n) what a model reads."""
-    block, own, shared = settled
-    values = shared * block.widths
-    raw = block.integrate(block.hypothesis.model(values, block.scene), own)
-    return block.read(values, raw.said) + block.disturbance(own)
 
 
 def record_of(outcome: Outcome, faults: Mapping[str, Any] | list[str]) -> dict[str, Any]:

@@ -47,3 +47,16 @@ WELL_EXPLAINED = 0.8
 CLOSE = 2.0
 """Reduced chi-square up to which a model is close: from there on its windows are joined, and residuals show the
 noise. Thinned recordings leave out of it half the noise or more, and none of the misfit."""
+AMPLITUDE_OFF = 0.03
+"""Relative error of a stated amplitude from which it is wrong: labs read theirs to one per cent."""
+PRESSURE_SCATTER = 0.01
+"""Relative standard deviation of a stated pressure, at least: so well regulators are read, and offsets of load cells
+scatter."""
+STANDS_OUT = 6.0
+"""Standard deviations off the others from which a pressure is another one."""
+MOST_WRONG = 4
+"""At most one label in so many recordings is corrected; where more are off, it is not the labels."""
+AT_REST_FORCE = 0.05
+"""Share of a usual peak that the force of an indenter at rest against the rock has not reached at the first sample."""
+AT_REST_SPEED = 0.12
+"""m/s at the first peak of the force that errors of the sensors leave of the speed of a rig that was at rest."""

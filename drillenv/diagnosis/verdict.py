@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.bookkeeping import FEWEST, NORMAL, STANDS_OUT, Label, with_labels_checked
+from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
 from drillenv.diagnosis.drill import PRESSURE_LABEL, Recorded, first_states, resized
@@ -28,7 +27,7 @@ from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats, Limits, minimise
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis
-from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL
+from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL, STANDS_OUT
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
 from drillenv.rig import Rig
@@ -68,7 +67,7 @@ class Outcome:
     """Blocks with their own unknowns, before and after."""
     explained: Explained
     labels: list[Label]
-    """Labels that were put right."""
+    """Labels that were corrected."""
 
 
 def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
@@ -82,23 +81,23 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
         entry = campaign.nominal.get(name)
         if entry is None or entry.value is None or entry.std is None:
             raise InputError(f"nominal lacks {name}: give its value and standard deviation, which the model needs")
-    campaign, labels = with_labels_checked(campaign)
+    campaign, labels = with_labels_corrected(campaign)
     for label in labels:
         say(label.sentence)
-    outcome = searched(campaign, say)
-    alone = standing_alone(outcome)
-    if outcome.verdict == "unexplained" and alone is not None:
+    outcome = search(campaign, say)
+    alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
+    if alone is not None:
         say(f"{alone} disagrees more than all the others together: once more without it")
         rest = tuple(each for each in campaign.recordings if each.name != alone)
-        again = searched(replace(campaign, recordings=rest), say)
+        again = search(replace(campaign, recordings=rest), say)
         if again.verdict != "unexplained":
-            # what was put right of it has not helped
+            # a corrected label of it has not helped
             labels = [each for each in labels if each.recording != alone]
             outcome, labels = again, [*labels, Label(alone, "use", "fit", "set aside", None)]
-    return replace(outcome, labels=[*labels, *other_pressures_fitted(outcome)])
+    return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)])
 
 
-def searched(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
+def search(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
     """The verdict on recordings as they are labelled."""
     rig = nominal_rig(campaign)
     data = [condition(each, rig) for each in campaign.recordings]
@@ -119,10 +118,10 @@ def searched(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
             before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
     chi = (chi_square(before), chi_square(after)) if held_data else None
     missing = [step for step in steps if not step.family.constant]
-    gone = share_explained(plain, final, before, after)
-    verdict = decided(final, missing, chi, gone)
+    share = share_explained(plain, final, before, after)
+    verdict = decided(final, missing, chi, share)
     named = [step.named for step in missing]
-    return Outcome(verdict, fit_data, held_data, plain, final, missing, named, tested, chi, (before, after), gone, [])
+    return Outcome(verdict, fit_data, held_data, plain, final, missing, named, tested, chi, (before, after), share, [])
 
 
 class Selected(NamedTuple):
@@ -155,24 +154,28 @@ def selected(campaign: Campaign, data: Sequence[Conditioned], pool: Executor, sa
     return Selected(begun, whole if found is begun else None, final, steps, tested)
 
 
-def standing_alone(outcome: Outcome) -> str | None:
+def outlying_recording(outcome: Outcome) -> str | None:
     """The recording of which more is left beyond the noise than of all the others together, if there is one."""
     every = [*settled_of(outcome.final), *outcome.held_fits[1]]
-    left = np.array([max(float(surplus([each]).sum()), 0.0) for each in every])
+    if len(every) <= FEWEST_FOR_A_LINE:
+        return None
+    left = np.array([max(float(excess_chi_square([each]).sum()), 0.0) for each in every])
     worst = int(np.argmax(left))
-    return every[worst].block.name if len(every) > FEWEST and 2.0 * left[worst] > left.sum() else None
+    return every[worst].block.name if 2.0 * left[worst] > left.sum() else None
 
 
-def other_pressures_fitted(outcome: Outcome) -> list[Label]:
+def mislabelled_pressures_by_fit(outcome: Outcome) -> list[Label]:
     """Pressures that a fit puts off their labels by much more than those of the other recordings."""
     every = [*settled_of(outcome.final), *outcome.held_fits[1]]
+    if len(every) <= FEWEST_FOR_A_LINE:
+        return []
     off = np.array([own[block.windows * block.state_count(own)] for block, own, _shared in every])
     found = []
     for i, (block, _own, _shared) in enumerate(every):
         others = np.delete(off, i)
         # the gain follows one that is wrong, and takes the others with it
-        usual = float(np.median(others)) if len(every) > FEWEST else math.nan
-        spread = max(1.0, NORMAL * float(np.median(np.abs(others - usual))))
+        usual = float(np.median(others))
+        spread = max(1.0, MAD_TO_STD * float(np.median(np.abs(others - usual))))
         if abs(off[i] - usual) > STANDS_OUT * spread:
             stated = block.scene.pressure
             seems = stated * (1.0 + PRESSURE_LABEL * (float(off[i]) - usual))
@@ -430,7 +433,7 @@ def chi_square(blocks: Sequence[Settled]) -> float:
     return total / max(freedom, 1)
 
 
-def surplus(blocks: Sequence[Settled]) -> Floats:
+def excess_chi_square(blocks: Sequence[Settled]) -> Floats:
     """(parts,) by how much squares of residuals exceed the noise, over parts of a few windows of recordings."""
     found = []
     for block, own, shared in blocks:
@@ -444,10 +447,9 @@ def surplus(blocks: Sequence[Settled]) -> Floats:
 def share_explained(plain: Fitted, final: Fitted, before: Sequence[Settled], after: Sequence[Settled]) -> Explained:
     """Share of the paper's model's mismatch that is gone, of recordings held out where there are any."""
     if after:
-        return explained(surplus(before), surplus(after), "recordings held out")
-    return explained(
-        surplus(settled_of(plain)), surplus(settled_of(final)), "the recordings fitted, since none could be held out"
-    )
+        return explained(excess_chi_square(before), excess_chi_square(after), "recordings held out")
+    begun, left = (excess_chi_square(settled_of(each)) for each in (plain, final))
+    return explained(begun, left, "the recordings fitted, since none could be held out")
 
 
 def settled_of(fitted: Fitted) -> list[Settled]:
@@ -455,14 +457,15 @@ def settled_of(fitted: Fitted) -> list[Settled]:
     return [Settled(*each, fitted.fit.shared) for each in zip(fitted.blocks, fitted.fit.own, strict=True)]
 
 
-def decided(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None, gone: Explained) -> Verdict:
+def decided(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None, share: Explained) -> Verdict:
     """The verdict."""
+    # errors of the parameters show in full on recordings that they were not fitted to
     worst = max(final.per_freedom - 1.0, 0.0 if held is None else 0.5 * (held[1] - 1.0))
     # windows that are not joined have states that no motion has
     if worst > CLOSE - 1.0:
         return "unexplained"
     outside = any(step.family.outside for step in steps)
-    return classify(bool(steps), outside, bool(wrong_constants(final)), worst > LEFT, gone)
+    return classify(bool(steps), outside, bool(wrong_constants(final)), worst > LEFT, share)
 
 
 def wrong_constants(final: Fitted) -> list[int]:

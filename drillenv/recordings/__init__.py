@@ -7,8 +7,9 @@ for finding in check_quality(campaign):
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from drillenv.lazy import lazy
 
 if TYPE_CHECKING:
     from drillenv.recordings.campaign import Campaign as Campaign
@@ -31,26 +32,16 @@ __all__ = [
     "write_campaign",
 ]
 
-_HOME = {
-    "Campaign": "campaign",
-    "Channel": "campaign",
-    "Nominal": "document",
-    "QualityFinding": "findings",
-    "Recording": "campaign",
-    "check_quality": "quality",
-    "read_campaign": "campaign",
-    "write_campaign": "write",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name where it is first used (PEP 562), so that ``import drillenv`` stays light."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy(
+    __name__,
+    {
+        "Campaign": "campaign",
+        "Channel": "campaign",
+        "Nominal": "document",
+        "QualityFinding": "findings",
+        "Recording": "campaign",
+        "check_quality": "quality",
+        "read_campaign": "campaign",
+        "write_campaign": "write",
+    },
+)

@@ -31,7 +31,7 @@ from drillenv.recordings.roles import Role, find_roles, settled_units
 from drillenv.recordings.tone_setting import drive_of, neat_number
 from drillenv.recordings.units import CHANNEL_UNITS
 from drillenv.rig import TOLERANCES, Rig
-from drillenv.rocks import Rock, rock
+from drillenv.rocks import ROCKS, Rock, rock
 
 MOST_QUESTIONS = 2
 NEEDED = {DRILL: ("force", "acceleration"), ONE_BODY: ("position",)}
@@ -281,7 +281,8 @@ def _drill_constants(told: Told, questions: _Questions) -> tuple[dict[str, Const
                 remarks.append(f"{name} is taken to be known to {100 * ROCK_STD:g} % (give VALUE+-STD)")
         return found, remarks
     case = _rock(told, questions)
-    remarks.append(f"stiffnesses of the rock: those of {case.name} (Table 2.2)")
+    source = "Table 2.2" if case in ROCKS.values() else "the rock file"
+    remarks.append(f"stiffnesses of the rock: those of {case.name} ({source})")
     found["loading_stiffness"] = (case.loading_stiffness, case.loading_spread)
     found["unloading_stiffness"] = (case.unloading_stiffness, case.unloading_spread)
     return found, remarks

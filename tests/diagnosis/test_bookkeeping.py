@@ -7,7 +7,7 @@ import pytest
 
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
-from drillenv.diagnosis.bookkeeping import other_pressures, with_labels_checked
+from drillenv.diagnosis.bookkeeping import mislabelled_pressures, with_labels_corrected
 from drillenv.diagnosis.report import diagnose
 
 SITE = Site(drive=600.0, frequency=110.0)
@@ -44,7 +44,7 @@ def running(campaign):
 
 def test_sound_labels_stay(campaigns):
     for campaign in campaigns:
-        same, labels = with_labels_checked(campaign)
+        same, labels = with_labels_corrected(campaign)
         assert labels == []
         assert [each.setting for each in same.recordings] == [each.setting for each in campaign.recordings]
 
@@ -55,7 +55,7 @@ def test_another_pressure_is_found(campaigns, factor):
     for turn, campaign in enumerate(campaigns):
         i = turn % len(campaign.recordings)
         true = campaign.recordings[i].setting.pressure
-        right, (label,) = with_labels_checked(relabelled(campaign, i, pressure=factor * true))
+        right, (label,) = with_labels_corrected(relabelled(campaign, i, pressure=factor * true))
         assert (label.recording, label.field) == (campaign.recordings[i].name, "pressure")
         assert label.stated == factor * true
         assert abs(label.seems - true) < 3.0 * label.std
@@ -66,7 +66,7 @@ def test_another_pressure_is_found(campaigns, factor):
 def test_another_amplitude_is_found(campaigns):
     campaign = campaigns[1]
     true = campaign.recordings[2].setting.amplitude
-    right, (label,) = with_labels_checked(relabelled(campaign, 2, amplitude=0.75 * true))
+    right, (label,) = with_labels_corrected(relabelled(campaign, 2, amplitude=0.75 * true))
     assert (label.recording, label.field) == (campaign.recordings[2].name, "amplitude")
     assert label.seems == pytest.approx(true, rel=0.015)
     assert right.recordings[2].setting.amplitude == label.seems
@@ -77,7 +77,7 @@ def test_recordings_that_were_running_are_found(campaigns):
     missed, tried = 0, 0
     for campaign in campaigns:
         for i in running(campaign):
-            _, labels = with_labels_checked(relabelled(campaign, i, starts="fresh"))
+            _, labels = with_labels_corrected(relabelled(campaign, i, starts="fresh"))
             tried += 1
             missed += [label.record for label in labels] != [
                 {
@@ -95,7 +95,7 @@ def test_recordings_that_were_running_are_found(campaigns):
 def test_two_wrong_pressures_of_eight_are_found(campaigns):
     campaign = relabelled(campaigns[0], 1, pressure=1.3 * campaigns[0].recordings[1].setting.pressure)
     campaign = relabelled(campaign, 6, pressure=0.7 * campaigns[0].recordings[6].setting.pressure)
-    assert {each.recording for each in other_pressures(campaign.recordings)} == {
+    assert {each.recording for each in mislabelled_pressures(campaign.recordings)} == {
         campaign.recordings[1].name,
         campaign.recordings[6].name,
     }
@@ -103,14 +103,14 @@ def test_two_wrong_pressures_of_eight_are_found(campaigns):
 
 def test_of_few_recordings_no_pressure_is_doubted(campaigns):
     few = relabelled(campaigns[0], 0, pressure=1.3 * campaigns[0].recordings[0].setting.pressure).recordings[:4]
-    assert other_pressures(few) == []
+    assert mislabelled_pressures(few) == []
 
 
 def test_a_start_says_nothing_of_the_pressure():
     """Of 0.2 s from rest the mean force is that of the transient: once taken for the pressure, 8 % too low."""
     campaign = made_with(None, 0, recordings=6, seconds=0.2)
     assert {each.starts for each in campaign.recordings} == {"running", "fresh"}
-    assert with_labels_checked(campaign)[1] == []
+    assert with_labels_corrected(campaign)[1] == []
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     copy,
     follow,
     inside,
-    inside_rate,
+    inside_with_rate,
     step,
     step_error,
 )
@@ -306,7 +306,7 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
 
 
 @njit(**INNER)
-def be_ready(m: np.ndarray, scratch: np.ndarray):
+def ensure_dense_output(m: np.ndarray, scratch: np.ndarray):
     """Prepare what is read off the step just taken, where it has not been."""
     if scratch[FLAGS, READY] == 0.0:
         follow(m, scratch[BEGIN_D], scratch[FLAGS, LENGTH], scratch)
@@ -326,7 +326,7 @@ def read_state(m: np.ndarray, s: float, exact: bool, scratch: np.ndarray) -> flo
         copy(scratch[END], scratch[SPARE])
         copy(scratch[STAGES], scratch[SPARE_SLOPE])
         return rock
-    be_ready(m, scratch)
+    ensure_dense_output(m, scratch)
     inside(int(m[TALLY]), s / length, scratch, SPARE)
     return rates(m, d, s, scratch[SPARE], scratch[SPARE_SLOPE], scratch[PUSH])
 
@@ -337,5 +337,5 @@ def read_speed(m: np.ndarray, s: float, scratch: np.ndarray):
 
     The acceleration is then of an order less, at half the cost of :func:`read_state`.
     """
-    be_ready(m, scratch)
-    return inside_rate(V2, s / scratch[FLAGS, LENGTH], scratch[FLAGS, LENGTH], scratch)
+    ensure_dense_output(m, scratch)
+    return inside_with_rate(V2, s / scratch[FLAGS, LENGTH], scratch[FLAGS, LENGTH], scratch)

@@ -198,7 +198,7 @@ def inside_one(i: int, share: float, scratch: np.ndarray) -> float:
 
 
 @njit(**INLINED)
-def inside_rate(i: int, share: float, h: float, scratch: np.ndarray):
+def inside_with_rate(i: int, share: float, h: float, scratch: np.ndarray):
     """One state and its time derivative at a share of the step over ``h`` that was prepared by :func:`follow`."""
     total, slope, rest = 0.0, 0.0, 1.0 - share
     for power in range(6, -1, -1):
