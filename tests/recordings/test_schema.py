@@ -1,12 +1,12 @@
 """The JSON Schema that ships allows what the reader reads, and refuses what it refuses."""
 
-import importlib.util
 import json
 from copy import deepcopy
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from drillenv import cli
 from drillenv.checks import InputError
@@ -17,10 +17,7 @@ from drillenv.recordings.units import CHANNEL_UNITS, unit_of
 SCHEMA = json.loads((files("drillenv.recordings") / "campaign.schema.json").read_text(encoding="utf-8"))
 EXAMPLE = Path(__file__).parents[2] / "docs" / "recordings" / "example"
 
-_spec = importlib.util.spec_from_file_location("json_schema", Path(__file__).with_name("json_schema.py"))
-_module = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_module)
-conforms = _module.conforms
+VALIDATOR = Draft202012Validator(SCHEMA)
 
 
 def judged(document):
@@ -30,7 +27,7 @@ def judged(document):
         read = True
     except InputError:
         read = False
-    return conforms(document, SCHEMA), read
+    return VALIDATOR.is_valid(document), read
 
 
 @pytest.fixture(scope="module")
@@ -156,11 +153,5 @@ def test_every_unit_is_in_it():
         assert {unit_of("unit", each, units) for each in listed} == set(units)
 
 
-def test_jsonschema_agrees(documents):
-    jsonschema = pytest.importorskip("jsonschema")
-    jsonschema.Draft202012Validator.check_schema(SCHEMA)
-    validator = jsonschema.Draft202012Validator(SCHEMA)
-    for change in (*BROKEN.values(), *ALLOWED.values()):
-        document = deepcopy(documents["percussive-drill"])
-        change(document)
-        assert validator.is_valid(document) == conforms(document, SCHEMA)
+def test_it_is_a_schema():
+    Draft202012Validator.check_schema(SCHEMA)
