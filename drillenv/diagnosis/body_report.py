@@ -20,7 +20,7 @@ from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.findings import deviations, equivalents, form_of, parameters_of_equation, rejected
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.measured import BAND, POINTS, band, indices_of
+from drillenv.diagnosis.measured import BAND, POINTS, band, indices_of, quantity
 from drillenv.diagnosis.naming import THOROUGH, without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested, regular
@@ -199,9 +199,9 @@ class BodyReport:
         fitted, entry = self.stating, self.campaign.nominal["mass"]
         spread, found = self.spread(fitted), {}
         for each, value, std in zip(self.plain.hypothesis.terms[0].unknowns, fitted.values, spread, strict=False):
-            found[each.name] = number(float(value), math.hypot(std, self.loose * value), UNITS[each.name])
+            found[each.name] = quantity(float(value), math.hypot(std, self.loose * value), UNITS[each.name])
         if entry.value is not None and "mass" not in found:
-            found = {"mass": number(entry.value, entry.std or 0.0, "kg"), **found}
+            found = {"mass": quantity(entry.value, entry.std or 0.0, "kg"), **found}
         return found
 
     @cached_property
@@ -441,13 +441,13 @@ class BodyReport:
         found = {}
         for symbol, each in parameters_of_equation(fitted, equation, self.spread(fitted)).items():
             std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
-            found[symbol] = number(each["value"], std, each["unit"])
+            found[symbol] = quantity(each["value"], std, each["unit"])
         return found
 
     def beside_lag(self, step: Step) -> dict[str, Any]:
         """What the strengths would be, were one channel free to lag: a lag and a damper can stand in for each other."""
         loose = self.lagging
-        return {"lag": number(*self.lag_of(loose), "s"), **self.strengths(step, loose)}
+        return {"lag": quantity(*self.lag_of(loose), "s"), **self.strengths(step, loose)}
 
     @cached_property
     def lagging(self) -> Fitted:
@@ -565,6 +565,7 @@ class BodyReport:
             "next": [],
             "quality": [str(each) for each in self.faults],
             "constants": constants,
+            "correlations": self.stating.correlations(len(self.plain.hypothesis.terms[0].unknowns)),
             "rest": self.rest,
             "remarks": [*self.remarks, *self.held_remarks()],
             "cells": cells,
@@ -627,9 +628,3 @@ def rms(fitted: Fitted, shared: Sequence[Floats] | None = None) -> float:
     every = shared or [fitted.fit.shared] * len(fitted.blocks)
     left = [block.left(x * block.widths)[block.data.keep] for block, x in zip(fitted.blocks, every, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
-
-
-def number(value: float, std: float, unit: str) -> dict[str, Any]:
-    """A number as a report gives it."""
-    std = float(std)
-    return {"value": value, "std": std, "unit": unit, "interval": [value - BAND * std, value + BAND * std]}

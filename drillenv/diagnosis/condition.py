@@ -41,6 +41,8 @@ LONGEST_LAG = 1e-3
 """Seconds by which a channel may lag to be told at once."""
 EVIDENT, ALIKE = 2.0, 1.0
 """Samples that a lag has at least to be told at once, and by which those of the recordings differ at most."""
+RESOLUTION = 1e-4
+"""Of a channel's standard deviation, the least noise that it is judged by: no sensor of a rig is better."""
 TOUCH = 6.0
 """Standard deviations of the force's noise above which the indenter is on the rock."""
 MAINS = tuple(around + off for around in (50.0, 60.0) for off in (-0.1, -0.05, 0.0, 0.05, 0.1))
@@ -89,7 +91,8 @@ class Conditioned:
     thinned: int = 1
     """How many samples of the logger make one of these: see :func:`thinning`."""
     quanta: tuple[float, float] = (0.0, 0.0)
-    """Steps of the converter on force and acceleration that would leave as much noise on these samples."""
+    """Steps of the converter on force and acceleration that would leave as much noise on these samples, at least
+    :data:`RESOLUTION`."""
 
     def first(self, windows: int) -> Conditioned:
         """Its first windows only, where it has more."""
@@ -112,6 +115,11 @@ def white_noise(signal: np.ndarray) -> float:
     sample rate leaves next to nothing in fourth differences.
     """
     return float(np.median(np.abs(np.diff(signal, 4))) / (0.674490 * math.sqrt(70.0)))
+
+
+def least_step(signal: np.ndarray) -> float:
+    """Step of the converter, or what stands for it where there is none: recordings without noise are simulated ones."""
+    return max(quantum(signal), math.sqrt(12.0) * RESOLUTION * float(np.std(signal)))
 
 
 def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[float, float, float]:
@@ -315,7 +323,11 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     rate = recording.sample_rate
     omega, phase, amplitude = fit_excitation(excitation, rate, setting.frequency)
     angle = phase + omega * np.arange(force.size) / rate
-    noise = max(white_noise(force), 1e-6), max(white_noise(acceleration), 1e-6)
+    steps = least_step(force), least_step(acceleration)
+    noise = (
+        max(white_noise(force), steps[0] / math.sqrt(12.0)),
+        max(white_noise(acceleration), steps[1] / math.sqrt(12.0)),
+    )
     now = acceleration
     if late != 0.0:
         samples = np.arange(force.size)
@@ -359,7 +371,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         starts // factor,
         states,
         factor,
-        (less * quantum(force), less * quantum(acceleration)),
+        (less * steps[0], less * steps[1]),
     )
 
 

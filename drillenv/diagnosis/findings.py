@@ -13,7 +13,7 @@ from drillenv.diagnosis.constants import NAMES
 from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
-from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response
+from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response, quantity
 from drillenv.diagnosis.naming import MOST, effect_of
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested
@@ -26,7 +26,7 @@ from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WA
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
-from drillenv.rig import Rig
+from drillenv.rig import FREQUENCY_RANGE, PRESSURE_RANGE, Rig
 from drillenv.rocks import Rock
 
 CELLS = ("no contact", "loading", "unloading")
@@ -57,6 +57,19 @@ def parameters(final: Fitted) -> dict[str, Any]:
             "nominal": float(unknown.value),
         }
     return found
+
+
+def constants_found(final: Fitted) -> dict[str, Any]:
+    """Every constant of the rig, as it was fitted beside what was found."""
+    found = zip(final.hypothesis.unknowns[: len(NAMES)], final.values, deviations(final), strict=False)
+    return {
+        each.name: {
+            **quantity(float(value), std, each.unit),
+            "nominal": float(each.value),
+            "nominal_std": float(each.std),
+        }
+        for each, value, std in found
+    }
 
 
 def findings(outcome: Outcome) -> list[dict[str, Any]]:
@@ -147,9 +160,8 @@ def equivalents(step: Step) -> list[str]:
 
 def visited(outcome: Outcome) -> Visited:
     """What all recordings visit, by the model that was found."""
-    final = outcome.final
     paths, drive, rest, frequencies = [], 0.0, [], []
-    for block, own, shared in (*settled_of(final), *outcome.held_fits[1]):
+    for block, own, shared in outcome.every:
         model = block.hypothesis.model(shared * block.widths, block.scene)
         paths.append(block.path(model, own))
         drive = max(drive, float(model.s[V.F_A]))
@@ -270,11 +282,7 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
     known = [step.family.outside for step in outcome.steps if step.family.outside]
     if known:
         return {"balance": "sensor", "regimes": list(CELLS), "recordings": struck, "summary": " ".join(known)}
-    surplus: dict[tuple[str, str], float] = {}
-    for each in cells:
-        key = each["channel"], each["regime"]
-        surplus[key] = surplus.get(key, 0.0) + (each["mean_square"] - 1.0) * each["samples"]
-    channel, regime = max(surplus, key=lambda key: surplus[key])
+    channel, regime = most_left(cells)
     text = f"Most of what is left is in the {channel}, {regime}."
     if outcome.steps:
         nearest = " and ".join(step.named.mechanism for step in outcome.steps)
@@ -290,7 +298,7 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
 
 def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
     """How well it fits, in standard deviations of the sensors' noise."""
-    held = outcome.held
+    held = outcome.proof.chi_squares
 
     def root(chi_square: float | None) -> float | None:
         return None if chi_square is None else round(math.sqrt(chi_square), 4)
@@ -304,7 +312,7 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
             "after": root(outcome.final.per_freedom),
         },
         "held_out": {
-            "recordings": [each.name for each in outcome.held_data],
+            "recordings": outcome.proof.names,
             "before": root(held[0] if held else None),
             "after": root(held[1] if held else None),
         },
@@ -314,7 +322,7 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
 def rest(outcome: Outcome) -> dict[str, Any]:
     """What is left beyond the noise, of recordings held out where there are any."""
     channels, words = {}, []
-    every = outcome.held_fits[1] or settled_of(outcome.final)
+    every = outcome.proof.after or settled_of(outcome.final)
     found = [predicted(each) for each in every]
     left = [(each.block.measured - one.reading)[:, each.block.steady] for each, one in zip(every, found, strict=True)]
     whole = np.concatenate([each.block.measured[:, each.block.steady] for each in every], axis=1)
@@ -362,6 +370,40 @@ def rejected(steps: Sequence[Step], tested: Tested) -> list[dict[str, str]]:
     return said
 
 
+def what_to_record(outcome: Outcome, cells: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What would tell most of what is left unexplained, by where it is left and what the recordings span."""
+    channel, regime = most_left(cells)
+    said = []
+    if regime == "no contact":
+        said.append(
+            f"Record the rig with the indenter clear of the rock, at these settings: what the {channel} shows then is "
+            "of the drive, the spring, the guides or the sensor, and not of the rock."
+        )
+    else:
+        said.append(
+            "Record a slow indentation of this rock, unloading included (drillenv indentation), and blows from rest at "
+            "two amplitudes: they say the rock's law apart from the motion of the rig."
+        )
+    settings = [block.scene for block, _own, _shared in outcome.every]
+    for name, span, unit in (("frequency", FREQUENCY_RANGE, "Hz"), ("pressure", PRESSURE_RANGE, "bar")):
+        values = [float(getattr(each, name)) for each in settings]
+        if max(values) - min(values) < 0.5 * (span[1] - span[0]):
+            said.append(
+                f"Record at another {name}: these span {min(values):.4g} to {max(values):.4g} {unit} of "
+                f"{span[0]:g} to {span[1]:g} {unit}, by which laws of speed and depth are told apart."
+            )
+    return said
+
+
+def most_left(cells: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Channel and regime in which most is left beyond the noise."""
+    excess_in: dict[tuple[str, str], float] = {}
+    for each in cells:
+        key = each["channel"], each["regime"]
+        excess_in[key] = excess_in.get(key, 0.0) + (each["mean_square"] - 1.0) * each["samples"]
+    return max(excess_in, key=lambda key: excess_in[key])
+
+
 def remarks(outcome: Outcome) -> list[str]:
     """What the recordings say so little of that something wrong would pass."""
     final = outcome.final
@@ -371,17 +413,32 @@ def remarks(outcome: Outcome) -> list[str]:
         for each, std in zip(final.hypothesis.unknowns[: len(NAMES)], spread, strict=False)
         if std > SILENT * each.width
     ]
-    if not silent:
-        return []
-    named = " and the ".join(silent)
-    return [f"The recordings say next to nothing of the {named}: what the lab states stands unchecked."]
+    said = noise_floors(outcome)
+    if silent:
+        named = " and the ".join(silent)
+        said.append(f"The recordings say next to nothing of the {named}: what the lab states stands unchecked.")
+    return said
+
+
+def noise_floors(outcome: Outcome) -> list[str]:
+    """Channels on which no noise is seen beside the steps of their converter."""
+    said = []
+    for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2"))):
+        least = [(each.block.noise[j].std, each.block.data.quanta[j] / math.sqrt(12.0)) for each in outcome.every]
+        floors = [floor for std, floor in least if std <= 1.001 * floor]
+        if floors:
+            said.append(
+                f"No noise is seen on the {channel} of {len(floors)} of {len(least)} recordings beside the steps of "
+                f"its converter: it is judged by {max(floors):.3g} {unit}."
+            )
+    return said
 
 
 def waves(outcome: Outcome) -> tuple[Wave, ...]:
     """Force and acceleration of every recording, with what was believed and what was found."""
     made = []
     fitted = list(zip(settled_of(outcome.plain), settled_of(outcome.final), strict=True))
-    held = list(zip(*outcome.held_fits, strict=True))
+    held = list(zip(*outcome.held_out, strict=True))
     for i, (before, after) in enumerate([*fitted, *held]):
         block = after.block
         inside = block.steady
@@ -395,8 +452,8 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
     return tuple(made)
 
 
-def record_of(outcome: Outcome, faults: Mapping[str, Any] | list[str]) -> dict[str, Any]:
-    """The record of ``report.json``."""
+def record_of(outcome: Outcome, faults: list[str], left_out: list[str]) -> dict[str, Any]:
+    """The record of ``report.json``: ``faults`` of the recordings, and what of them was ``left_out``."""
     explained = outcome.verdict != "unexplained"
     cells = excess(outcome)
     return {
@@ -409,8 +466,10 @@ def record_of(outcome: Outcome, faults: Mapping[str, Any] | list[str]) -> dict[s
         "rest": rest(outcome),
         "fit": quality_of_fit(outcome),
         "rejected": rejected(outcome.steps, outcome.tested),
-        "next": [],
+        "next": what_to_record(outcome, cells) if outcome.verdict == "unexplained" else [],
+        "constants": constants_found(outcome.final) if explained else {},
+        "correlations": outcome.final.correlations(len(NAMES)) if explained else None,
         "quality": faults,
-        "remarks": [*(each.sentence for each in outcome.labels), *remarks(outcome)],
+        "remarks": [*left_out, *(each.sentence for each in outcome.labels), *remarks(outcome)],
         "cells": cells,
     }

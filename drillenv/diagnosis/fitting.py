@@ -73,6 +73,13 @@ class Fitted:
         split = self.hypothesis.split(self.values)
         return next(own for term, own in zip(self.hypothesis.terms, split, strict=True) if term.name == name)
 
+    def correlations(self, count: int) -> dict[str, Any]:
+        """Correlation matrix of the first ``count`` parameters, with their names."""
+        covariance = self.fit.covariance[:count, :count]
+        scale = np.sqrt(np.diag(covariance))
+        names = [each.name for each in self.hypothesis.unknowns[:count]]
+        return {"of": names, "matrix": np.round(covariance / np.outer(scale, scale), 3).tolist()}
+
 
 def priors_of(hypothesis: Hypothesis) -> Priors:
     """Priors and bounds of a hypothesis' parameters, in the solver's units."""

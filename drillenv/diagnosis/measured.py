@@ -44,6 +44,12 @@ NEAR_DEPTH = 1.3
 """Times the median depth, either way, within which samples speak of a law at that depth."""
 
 
+def quantity(value: float, std: float, unit: str) -> dict[str, Any]:
+    """A number with its 95 % interval as a report gives it."""
+    std = float(std)
+    return {"value": value, "std": std, "unit": unit, "interval": [value - BAND * std, value + BAND * std]}
+
+
 class Motion(NamedTuple):
     """A recording's motion as a fit has it, and what it leaves. Arrays of samples."""
 

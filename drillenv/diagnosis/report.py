@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,12 @@ from drillenv.corrected import model_record
 from drillenv.diagnosis.body_diagnosis import diagnose_body
 from drillenv.diagnosis.findings import corrected, record_of, stated, waves
 from drillenv.diagnosis.page import Wave, page
+from drillenv.diagnosis.provenance import provenance
 from drillenv.diagnosis.verdict import diagnose_drill
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
+from drillenv.recordings.excerpt import excerpts
+from drillenv.recordings.sound_parts import sound_parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,21 +81,19 @@ def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], 
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    faults = check_quality(campaign)
+    faults, origin = check_quality(campaign), provenance(campaign)
     if campaign.rig == "one-body":
         body = diagnose_body(campaign, faults, note)
-        return Report(campaign.title, body.record, body.model, body.waves)
-    bad = {each.recording for each in faults if each.severity in ("exclude recording", "exclude channel")}
-    kept = tuple(each for each in campaign.recordings if each.name not in bad)
-    if len(kept) < 3:
+        return Report(campaign.title, {**origin, **body.record}, body.model, body.waves)
+    campaign, left_out = sound_parts(campaign, faults)
+    if not campaign.recordings:
         reasons = "; ".join(str(each) for each in faults[:3])
-        raise InputError(f"{len(kept)} recordings can be used, give at least three sound ones ({reasons})")
-    if len(kept) < len(campaign.recordings):
-        campaign = replace(campaign, recordings=kept)
+        raise InputError(f"no recording can be used: give one that is sound ({reasons})")
+    campaign, shortened = excerpts(campaign)
     outcome = diagnose_drill(campaign, note)
     model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
-    record = record_of(outcome, [str(each) for each in faults])
-    return Report(campaign.title, record, model_record(model), waves(outcome))
+    record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened])
+    return Report(campaign.title, {**origin, **record}, model_record(model), waves(outcome))
 
 
 def _text(record: Mapping[str, Any]) -> str:

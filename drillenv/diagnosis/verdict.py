@@ -48,26 +48,54 @@ class Settled(NamedTuple):
     shared: Floats
 
 
+class Proof(NamedTuple):
+    """Recordings as models predict them that were not fitted to them."""
+
+    before: list[Settled]
+    """By the paper's model; without any where nothing could be left out of the fit."""
+    after: list[Settled]
+    of: str
+    """Which, in words."""
+
+    @property
+    def names(self) -> list[str]:
+        """Of the recordings."""
+        return [each.block.scene.name for each in self.after]
+
+    @property
+    def chi_squares(self) -> tuple[float, float] | None:
+        """Reduced chi-square before and after, None without recordings."""
+        return (chi_square(self.before), chi_square(self.after)) if self.after else None
+
+
 @dataclass
 class Outcome:
     """All that a report is made of."""
 
     verdict: Verdict
     fit_data: list[Conditioned]
-    held_data: list[Conditioned]
     plain: Fitted
     final: Fitted
     steps: list[Step]
     """Mechanisms that were added."""
     named: list[Named]
     tested: Tested
-    held: tuple[float, float] | None
-    """Reduced chi-square on recordings left out, before and after."""
-    held_fits: tuple[list[Settled], list[Settled]]
-    """Blocks with their own unknowns, before and after."""
+    proof: Proof
     explained: Explained
     labels: list[Label]
     """Labels that were corrected."""
+
+    @property
+    def held_out(self) -> tuple[list[Settled], list[Settled]]:
+        """Recordings that no fit has seen, before and after."""
+        seen = {each.name for each in self.fit_data}
+        before, after = ([each for each in side if each.block.scene.name not in seen] for side in self.proof[:2])
+        return before, after
+
+    @property
+    def every(self) -> list[Settled]:
+        """All recordings by the model that was found."""
+        return [*settled_of(self.final), *self.held_out[1]]
 
 
 def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
@@ -110,18 +138,13 @@ def search(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
     # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
     with threadpool_limits(1), ThreadPoolExecutor(CORES) as pool:
         begun, plain, final, steps, tested = selected(campaign, fit_data, pool, say)
-        after = before = evaluated(held_data, final, pool)
-        if not steps:
-            plain = final
-        else:
-            plain = plain or resettled(fit_data, begun, final, pool)
-            before = evaluated(held_data, plain, pool, [each.block.noise for each in after])
-    chi = (chi_square(before), chi_square(after)) if held_data else None
+        plain = (plain or resettled(fit_data, begun, final, pool)) if steps else final
+        proof = proved(fit_data, held_data, plain, final, pool)
     missing = [step for step in steps if not step.family.constant]
-    share = share_explained(plain, final, before, after)
-    verdict = decided(final, missing, chi, share)
+    share = share_explained(plain, final, proof)
+    verdict = decided(final, missing, proof.chi_squares, share)
     named = [step.named for step in missing]
-    return Outcome(verdict, fit_data, held_data, plain, final, missing, named, tested, chi, (before, after), share, [])
+    return Outcome(verdict, fit_data, plain, final, missing, named, tested, proof, share, [])
 
 
 class Selected(NamedTuple):
@@ -154,9 +177,35 @@ def selected(campaign: Campaign, data: Sequence[Conditioned], pool: Executor, sa
     return Selected(begun, whole if found is begun else None, final, steps, tested)
 
 
+def proved(
+    fit_data: Sequence[Conditioned], held_data: Sequence[Conditioned], plain: Fitted, final: Fitted, pool: Executor
+) -> Proof:
+    """Recordings held out, or where there are none each recording by a fit to the others."""
+    if held_data:
+        of, data, after = "recordings held out", held_data, evaluated(held_data, final, pool)
+    elif len(fit_data) > 1:
+        of, data = "each recording, by a fit to the others", fit_data
+        after = [each for i in range(len(data)) for each in evaluated([data[i]], without(data, final, i, pool), pool)]
+    else:
+        return Proof([], [], "the one recording that was fitted, since no other says whether it holds")
+    if plain is final:
+        return Proof(after, after, of)
+    return Proof(evaluated(data, plain, pool, [each.block.noise for each in after]), after, of)
+
+
+def without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Executor) -> Fitted:
+    """The model fitted to all recordings but one."""
+    others = [j for j in range(len(data)) if j != i]
+    own = [fitted.fit.own[j] for j in others]
+    noise = [fitted.noise[j] for j in others]
+    rest = [data[j] for j in others]
+    limits = Limits(10, 0.5, 0.003)
+    return fit_to(rest, fitted.hypothesis, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
+
+
 def outlying_recording(outcome: Outcome) -> str | None:
     """The recording of which more is left beyond the noise than of all the others together, if there is one."""
-    every = [*settled_of(outcome.final), *outcome.held_fits[1]]
+    every = outcome.every
     if len(every) <= FEWEST_FOR_A_LINE:
         return None
     left = np.array([max(float(excess_chi_square([each]).sum()), 0.0) for each in every])
@@ -166,7 +215,7 @@ def outlying_recording(outcome: Outcome) -> str | None:
 
 def mislabelled_pressures_by_fit(outcome: Outcome) -> list[Label]:
     """Pressures that a fit puts off their labels by much more than those of the other recordings."""
-    every = [*settled_of(outcome.final), *outcome.held_fits[1]]
+    every = outcome.every
     if len(every) <= FEWEST_FOR_A_LINE:
         return []
     off = np.array([own[block.windows * block.state_count(own)] for block, own, _shared in every])
@@ -444,12 +493,10 @@ def excess_chi_square(blocks: Sequence[Settled]) -> Floats:
     return np.concatenate(found)
 
 
-def share_explained(plain: Fitted, final: Fitted, before: Sequence[Settled], after: Sequence[Settled]) -> Explained:
-    """Share of the paper's model's mismatch that is gone, of recordings held out where there are any."""
-    if after:
-        return explained(excess_chi_square(before), excess_chi_square(after), "recordings held out")
-    begun, left = (excess_chi_square(settled_of(each)) for each in (plain, final))
-    return explained(begun, left, "the recordings fitted, since none could be held out")
+def share_explained(plain: Fitted, final: Fitted, proof: Proof) -> Explained:
+    """Share of the paper's model's mismatch that is gone, of recordings that were not fitted where there are any."""
+    before, after = (proof.before, proof.after) if proof.after else (settled_of(plain), settled_of(final))
+    return explained(excess_chi_square(before), excess_chi_square(after), proof.of)
 
 
 def settled_of(fitted: Fitted) -> list[Settled]:

@@ -285,13 +285,25 @@ def _off_the_tone(samples: Floats, rate: float, frequency: float, jumps: Sequenc
             fit, *_ = np.linalg.lstsq(columns[agrees], part[agrees], rcond=None)
             left = np.abs(part - columns @ fit)
             size = math.hypot(fit[0], fit[1])
-        off[start:stop] = left > max(OFF_THE_TONE * size, 9.0 * float(np.median(left)))
+        noise = 9.0 * float(np.median(left))
+        off[start:stop] = _reached(left > max(OFF_THE_TONE * size, noise), left > noise, width // 4)
     for at in jumps:  # known to within some samples only
         off[max(0, at - width // 8) : at + width // 8] = False
     for run in runs_of_equals(samples):  # a value that is held may lie on the tone for a while
         if off[run.start : run.stop].any():
             off[run.start : run.stop] = True
     return off
+
+
+def _reached(surely: Mask, perhaps: Mask, most: int) -> Mask:
+    """What is sure, with what is joined to it by samples that may be of it, up to ``most`` at either end."""
+    found = surely.copy()
+    for start, stop in stretches(surely):
+        before, after = perhaps[max(0, start - most) : start], perhaps[stop : stop + most]
+        first = start - int(np.argmin(np.append(before[::-1], False)))
+        last = stop + int(np.argmin(np.append(after, False)))
+        found[first:last] = True
+    return found
 
 
 def _dropouts(recording: Recording, off: Mask, frequency: float) -> QualityFinding:

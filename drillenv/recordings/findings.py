@@ -37,7 +37,7 @@ NOTE, EXCLUDE_STRETCH, EXCLUDE_CHANNEL, EXCLUDE_RECORDING = (
 )
 """Severities: worth knowing; leave out the stretches named; leave out the channel; leave out the recording."""
 
-MOST_STRETCHES, MOST_LEFT_OUT = 20, 0.1
+MOST_STRETCHES, MOST_LEFT_OUT = 20, 0.5
 """Stretches, and the share of a recording, that can be left out before the whole of it is no longer trusted."""
 
 
