@@ -41,6 +41,11 @@ class RecordingProblem(Block, Protocol):
         """How many numbers are judged."""
         ...
 
+    @property
+    def power(self) -> float:
+        """Sum of the squares of what is judged about its mean, in variances of the noise."""
+        ...
+
     def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[RecordingProblem, Floats]:
         """The same under a hypothesis with more terms, and its own unknowns in that layout."""
         ...

@@ -226,6 +226,13 @@ class ForceBalance(Regression):
         """How many independent rows are judged."""
         return round(self.noise.share * int(self.judged.sum()))
 
+    @property
+    def power(self) -> float:
+        """Sum of the squares of what is judged about its mean, in variances of the noise."""
+        measured = self.data.measured
+        centred = measured - measured[self.data.keep].mean()
+        return float(np.sum(self.noise.whiten(centred)[self.judged] ** 2))
+
     def stiffness(self, values: Floats) -> float:
         """N/m of the law's spring; 0 where it has none."""
         names = [each.name for each in self.hypothesis.terms[0].unknowns]

@@ -206,6 +206,12 @@ class Recorded:
         return self.measured[:, self.judged].size - self.wait
 
     @property
+    def power(self) -> float:
+        """Sum of the squares of what is judged about its mean, in variances of the noise."""
+        measured = self.measured[:, self.judged]
+        return float(np.sum(self.judged_only(measured - measured.mean(axis=1, keepdims=True)) ** 2))
+
+    @property
     def steady(self) -> slice:
         """Samples of which both channels are judged."""
         return slice(self.judged.start + self.wait, self.judged.stop)

@@ -41,7 +41,16 @@ class Explained(NamedTuple):
 
 
 def explained(before: Floats, after: Floats, of: str) -> Explained:
-    """How much of a mismatch is gone: (parts,) of it before and after; ``of`` says in words what the parts are of."""
+    """How much of a mismatch is gone: (parts,) of it before and after; ``of`` says in words what the parts are of.
+
+    Of a part that one of the models cannot follow nothing is explained.
+    """
+    followed = np.isfinite(before) & np.isfinite(after)
+    if not followed.any():
+        return Explained(0.0, 0.0, 0.0, of)
+    largest = float(np.max(before[followed]))
+    before = np.where(followed, before, largest)
+    after = np.where(followed, after, before)
     drawn = np.random.default_rng(SEED).integers(before.size, size=(DRAWS, before.size))
     totals = before[drawn].sum(axis=1)
     shares = 1.0 - after[drawn].sum(axis=1) / np.where(totals > 0.0, totals, np.inf)

@@ -59,14 +59,15 @@ def parameters(final: Fitted) -> dict[str, Any]:
     return found
 
 
-def constants_found(final: Fitted) -> dict[str, Any]:
-    """Every constant of the rig, as it was fitted beside what was found."""
-    found = zip(final.hypothesis.unknowns[: len(NAMES)], final.values, deviations(final), strict=False)
+def constants_found(outcome: Outcome) -> dict[str, Any]:
+    """Every constant of the rig, as it was fitted beside what was found, and as the lab states it."""
+    final = outcome.final
+    found = zip(outcome.plain.hypothesis.unknowns[: len(NAMES)], final.values, deviations(final), strict=False)
     return {
         each.name: {
             **quantity(float(value), std, each.unit),
             "nominal": float(each.value),
-            "nominal_std": float(each.std),
+            "nominal_std": each.std if math.isfinite(each.std) else None,
         }
         for each, value, std in found
     }
@@ -301,7 +302,7 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
     held = outcome.proof.chi_squares
 
     def root(chi_square: float | None) -> float | None:
-        return None if chi_square is None else round(math.sqrt(chi_square), 4)
+        return None if chi_square is None or not math.isfinite(chi_square) else round(math.sqrt(chi_square), 4)
 
     return {
         "unit": "standard deviations of the sensors' noise, root mean square over force and acceleration",
@@ -322,7 +323,9 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
 def rest(outcome: Outcome) -> dict[str, Any]:
     """What is left beyond the noise, of recordings held out where there are any."""
     channels, words = {}, []
-    every = outcome.proof.after or settled_of(outcome.final)
+    every = [each for each in outcome.proof.after or settled_of(outcome.final) if is_followed(each)]
+    if not every:
+        return {"summary": "The model follows none of the recordings.", "channels": {}, "shapes": [], "lines": []}
     found = [predicted(each) for each in every]
     left = [(each.block.measured - one.reading)[:, each.block.steady] for each, one in zip(every, found, strict=True)]
     whole = np.concatenate([each.block.measured[:, each.block.steady] for each in every], axis=1)
@@ -346,6 +349,11 @@ class Predicted(NamedTuple):
     """(2, steady) whitened, where both channels are judged."""
     force: Floats
     """(n,) N of the rock."""
+
+
+def is_followed(settled: Settled) -> bool:
+    """Whether states of a recording were found with which the model gets through it."""
+    return math.isfinite(settled.block.cost(settled.shared, settled.own))
 
 
 def predicted(settled: Settled) -> Predicted:
@@ -414,6 +422,9 @@ def remarks(outcome: Outcome) -> list[str]:
         if std > SILENT * each.width
     ]
     said = noise_floors(outcome)
+    lost = sorted({each.block.scene.name for each in (*outcome.proof[0], *outcome.every) if not is_followed(each)})
+    if lost:
+        said.append(f"No states were found with which a model follows {', '.join(lost)}: nothing is claimed of them.")
     if silent:
         named = " and the ".join(silent)
         said.append(f"The recordings say next to nothing of the {named}: what the lab states stands unchecked.")
@@ -467,7 +478,7 @@ def record_of(outcome: Outcome, faults: list[str], left_out: list[str]) -> dict[
         "fit": quality_of_fit(outcome),
         "rejected": rejected(outcome.steps, outcome.tested),
         "next": what_to_record(outcome, cells) if outcome.verdict == "unexplained" else [],
-        "constants": constants_found(outcome.final) if explained else {},
+        "constants": constants_found(outcome) if explained else {},
         "correlations": outcome.final.correlations(len(NAMES)) if explained else None,
         "quality": faults,
         "remarks": [*left_out, *(each.sentence for each in outcome.labels), *remarks(outcome)],

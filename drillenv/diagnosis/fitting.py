@@ -11,7 +11,7 @@ import numpy as np
 
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
 from drillenv.diagnosis.terms import Hypothesis
-from drillenv.diagnosis.thresholds import CLOSE
+from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
 FREE, JOINED = 1e3, 1.0
 """Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
@@ -57,6 +57,11 @@ class Fitted:
     def samples(self) -> int:
         """How many numbers are fitted."""
         return sum(each.samples for each in self.blocks)
+
+    @property
+    def resolved(self) -> float:
+        """Log-likelihood that what changes the readings by the least that sensors resolve gains."""
+        return 0.5 * RESOLVED**2 * sum(each.power for each in self.blocks)
 
     @property
     def freedom(self) -> int:

@@ -362,7 +362,8 @@ def forward(
             fitted = other
             continue
         if step is None:
-            return (*backward(data, fitted, steps, Tested(scores, level), pool, say), Tested(scores, level))
+            tested = Tested(scores, level)
+            return (*backward(data, fitted, steps, tested, pool, say, found_here=earlier is None), tested)
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
         if corrected is None:
             steps.append(step)
@@ -460,7 +461,8 @@ def least_gain(score: Score, fitted: Fitted, steps: Sequence[Step], scores: Sequ
     others = [step for step in steps if step.family.group != score.family.group]
     own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
     left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
-    return max(least, errors_of_laws(fitted, others, scores), left)
+    resolved = 0.0 if score.family.constant else fitted.resolved
+    return max(least, errors_of_laws(fitted, others, scores), left, resolved)
 
 
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
@@ -526,7 +528,8 @@ def best_step(
         fits += followed(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]
-    if fitted.cost - found.cost < 0.5 * chi2.isf(level, best.freedom):
+    resolved = 0.0 if best.family.constant else fitted.resolved
+    if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.freedom), resolved):
         return None
     step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
@@ -644,17 +647,27 @@ def corrected_equation(
 
 
 def backward(
-    data: Sequence[Any], fitted: Fitted, steps: list[Step], tested: Tested, pool: Executor, say: Say
+    data: Sequence[Any],
+    fitted: Fitted,
+    steps: list[Step],
+    tested: Tested,
+    pool: Executor,
+    say: Say,
+    found_here: bool,
 ) -> tuple[Fitted, list[Step]]:
-    """Leave out families that, with all others there, gain no more than chance or than the others' laws are off."""
+    """Leave out families that, with all others there, gain no more than chance or than the others' laws are off.
+
+    The last one is left out as well where it was not ``found_here`` but on a part of these samples.
+    """
     kept = list(steps)
     least, level = errors_of_laws(fitted, steps, tested.scores), tested.level
     for step in sorted(steps, key=lambda each: each.gain):
-        if len(kept) < 2:
+        if found_here and len(kept) < 2:
             break
         rest, begun = without(fitted, step.terms, step.family.constant)
         other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
-        if other.cost - fitted.cost < max(0.5 * chi2.isf(level, step.freedom), least, penalty(step.freedom, fitted)):
+        needed = max(0.5 * chi2.isf(level, step.freedom), least, penalty(step.freedom, fitted))
+        if other.cost - fitted.cost < max(needed, 0.0 if step.family.constant else fitted.resolved):
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)
             fitted = other

@@ -36,6 +36,9 @@ MATERIAL = LAW_LEFT**2
 much."""
 SURELY = 0.1
 """The same from which it need not be seen to gain in recording after recording."""
+RESOLVED = 5e-4
+"""Of what the channels read, root mean square: what changes them by less is not told from errors of the sensors, whose
+linearity is 0.05 % at best. Noise that is not quite as it is estimated gains as much in long recordings."""
 TINY = 2e-3
 """Of the force, root mean square: what explains less is no physics that anybody misses."""
 SLIGHT = 0.01

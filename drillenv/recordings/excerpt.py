@@ -9,7 +9,7 @@ import numpy as np
 from drillenv.recordings.campaign import Campaign, Recording
 from drillenv.recordings.sound_parts import part_of
 
-ENOUGH, LEAST = 512, 64
+ENOUGH, LEAST = 768, 96
 """Excitation periods of a campaign that tell its mechanisms apart, and of one recording: the noise of the sensors is
 averaged over them, and more of a motion that repeats itself says nothing new."""
 

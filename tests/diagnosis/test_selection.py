@@ -11,12 +11,12 @@ from drillenv.diagnosis.thresholds import LAW_LEFT
 SAMPLES = 20_000
 
 
-def fit(per_freedom: float) -> Any:
-    return Fake(per_freedom=per_freedom, samples=SAMPLES)
+def fit(per_freedom: float, resolved: float = 0.0) -> Any:
+    return Fake(per_freedom=per_freedom, samples=SAMPLES, resolved=resolved)
 
 
-def score(group: str, gain: float, freedom: int = 8) -> Any:
-    return Fake(family=Fake(group=group), gain=gain, freedom=freedom)
+def score(group: str, gain: float, freedom: int = 8, constant: str = "") -> Any:
+    return Fake(family=Fake(group=group, constant=constant), gain=gain, freedom=freedom)
 
 
 def step(group: str, gain: float, equation: object) -> Any:
@@ -29,6 +29,12 @@ def step(group: str, gain: float, equation: object) -> Any:
 
 def test_beside_nothing_chance_alone_is_to_be_exceeded():
     assert least_gain(score("damper", 50.0), fit(1.5), [], []) == 0.0
+
+
+def test_what_sensors_do_not_resolve_is_no_mechanism():
+    """A constant is the lab's to state, and is not held to it."""
+    assert least_gain(score("damper", 50.0), fit(1.5, 80.0), [], []) == 80.0
+    assert least_gain(score("mass", 50.0, constant="mass"), fit(1.5, 80.0), [], []) == 0.0
 
 
 def test_what_a_law_leaves_is_held_against_other_mechanisms():

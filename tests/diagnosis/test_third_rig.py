@@ -48,6 +48,10 @@ class Oscillator(Regression):
     def samples(self):
         return self.data.a.size
 
+    @property
+    def power(self):
+        return float(np.sum((self.data.a / self.noise) ** 2))
+
     @cached_property
     def columns(self):
         run, axes = self.data, self.hypothesis.axes
