@@ -47,6 +47,8 @@ TOUCH = 6.0
 """Standard deviations of the force's noise above which the indenter is on the rock."""
 MAINS = tuple(around + off for around in (50.0, 60.0) for off in (-0.1, -0.05, 0.0, 0.05, 0.1))
 """Hz at which a load cell may hum."""
+ORDERS = ((1,), (1, 2, 3))
+"""Of the mains that are read off the force in flight: a transformer that saturates adds odd ones, a rectifier even."""
 LEVEL = 0.25
 """Standard deviations of the acceleration's noise from which its mean is no noise."""
 HUM = 40.0
@@ -198,19 +200,14 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     level = float(np.median(force[low]))
     level = level if abs(level) > noise else 0.0
     own, time = np.ones_like(force), np.arange(force.size) / rate
-    hums = []
-    for frequency in MAINS:
-        turned = 2 * math.pi * frequency * time
-        beats = [abs(order * frequency - omega / (2 * math.pi)) * force.size / rate for order in (1, 2)]
-        if min(beats) >= IN_STEP:
-            hums.append((np.sin(turned), np.cos(turned)))
+    hums = {orders: _hums(time, omega, orders) for orders in ORDERS}
     best, found = 0.0, np.full(force.size, level)
-    # the simplest come first, others have to say more than these, and both at once more than either
-    for some_hum, some_mass in ((True, False), (False, True), (True, True)):
-        if some_hum and some_mass and best == 0.0:
+    # the simplest come first, others have to say more than these
+    for orders, some_mass in (((1,), False), ((), True), ((1,), True), (ORDERS[-1], False), (ORDERS[-1], True)):
+        if orders and some_mass and best == 0.0:
             break
         needed = best + HUM
-        for hum in hums if some_hum else [()]:
+        for hum in hums[orders] if orders else [()]:
             columns = (own, acceleration, *hum) if some_mass else (own, *hum)
             read = _read_off(force, np.column_stack(columns), level, noise)
             if read is None or read.gain <= max(needed, best):
@@ -219,6 +216,17 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
                 continue
             if math.hypot(*read.weights[1 + some_mass :]) < STEEP * read.height:
                 best, found = read.gain, read.said
+    return found
+
+
+def _hums(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[tuple[np.ndarray, ...]]:
+    """(n,) sines and cosines of orders of each frequency of the mains that is not in step with the excitation."""
+    found = []
+    for frequency in MAINS:
+        turned = 2 * math.pi * frequency * time
+        beats = [abs(order * frequency - omega / (2 * math.pi)) * (time[-1] - time[0]) for order in (1, 2)]
+        if min(beats) >= IN_STEP:
+            found.append(tuple(wave(order * turned) for order in orders for wave in (np.sin, np.cos)))
     return found
 
 

@@ -190,7 +190,9 @@ def proved(
         return Proof([], [], "the one recording that was fitted, since no other says whether it holds")
     if plain is final:
         return Proof(after, after, of)
-    return Proof(evaluated(data, plain, pool, [each.block.noise for each in after]), after, of)
+    # lines that the model found has itself are no noise of the one without it
+    noise = [without_lines(each.block, own_lines(final)) for each in after]
+    return Proof(evaluated(data, plain, pool, noise), after, of)
 
 
 def without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Executor) -> Fitted:
