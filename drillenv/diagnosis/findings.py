@@ -435,8 +435,9 @@ def noise_floors(outcome: Outcome) -> list[str]:
     """Channels on which no noise is seen beside the steps of their converter."""
     said = []
     for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2"))):
-        least = [(each.block.noise[j].std, each.block.data.quanta[j] / math.sqrt(12.0)) for each in outcome.every]
-        floors = [floor for std, floor in least if std <= 1.001 * floor]
+        data = [(each.block.noise[j].std, each.block.data) for each in outcome.every]
+        least = [(std, each.quanta[j] / math.sqrt(12.0), math.sqrt(each.thinned)) for std, each in data]
+        floors = [floor * thinned for std, floor, thinned in least if std <= 1.001 * floor]
         if floors:
             said.append(
                 f"No noise is seen on the {channel} of {len(floors)} of {len(least)} recordings beside the steps of "

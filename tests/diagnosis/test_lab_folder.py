@@ -1,0 +1,125 @@
+"""What a lab hands over, messy as it is, and what the diagnosis makes of it: one row of docs/diagnosis each."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
+from drillenv.checks import InputError
+from drillenv.diagnosis.report import diagnose
+from drillenv.dynamics.effects import make
+from drillenv.dynamics.sensors import PerChannel
+from drillenv.recordings import Channel, read_campaign
+from drillenv.recordings.made import make_campaign
+from drillenv.rocks import rock
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """One whose rock resists fast impacts more, on the concealed rig."""
+    rng = np.random.default_rng([41, 3])
+    (equation,) = (each for each in MECHANISMS["contact-rate"].equations if each.of_library)
+    chosen = concealed("contact-rate", equation, rng, 1.0, Site(drive=600.0, frequency=110.0))
+    return plain_campaign(rng, 4, (chosen,), recordings=8, seconds=0.3).campaign
+
+
+def changed(campaign, name, change):
+    """The samples of every channel of a recording, changed."""
+    recordings = []
+    for each in campaign.recordings:
+        if each.name == name:
+            channels = {key: replace(one, samples=change(key, one.samples)) for key, one in each.channels.items()}
+            each = replace(each, channels=channels)
+        recordings.append(each)
+    return replace(campaign, recordings=tuple(recordings))
+
+
+def named(report):
+    return [each["mechanism"] for each in report.record["findings"]]
+
+
+def running(campaign, count):
+    """The first so many recordings of a running rig."""
+    kept = [each for each in campaign.recordings if each.starts == "running"]
+    return replace(campaign, recordings=tuple(kept[:count]))
+
+
+@pytest.mark.slow
+def test_lost_samples_a_pre_trigger_and_a_dead_channel(campaign):
+    rng = np.random.default_rng(1)
+
+    def with_pre_trigger(name, samples):
+        still = {"excitation": 0.0, "force": samples[0], "acceleration": 0.0}[name]
+        noise = {"excitation": 1e-3, "force": 2.0, "acceleration": 1.0}[name]
+        return np.concatenate([still + noise * rng.standard_normal(1280), samples])
+
+    messy = changed(campaign, "r03", lambda _name, samples: np.delete(samples, slice(3000, 3037)))
+    messy = changed(messy, "r02", with_pre_trigger)
+    first = messy.recordings[0]
+    dead = {**first.channels, "position": Channel(np.zeros(first.size), "m", "position")}
+    messy = replace(messy, recordings=(replace(first, channels=dead), *messy.recordings[1:]))
+    report = diagnose(messy)
+    assert named(report) == ["contact-rate"]
+    said = " ".join(report.record["remarks"])
+    assert "r03: used are" in said and "r02: used are 0.0499" in said and "r01: its position is left out" in said
+    assert report.record["bookkeeping"] == []
+
+
+@pytest.mark.slow
+def test_a_coarse_converter_sets_the_noise(campaign):
+    """Steps of 24 N."""
+    coarse = campaign
+    for each in campaign.recordings:
+        coarse = changed(coarse, each.name, lambda name, x: 24.0 * np.round(x / 24.0) if name == "force" else x)
+    report = diagnose(coarse)
+    assert named(report) == ["contact-rate"]
+    assert report.record["fit"]["held_out"]["after"] < 1.1
+    assert any("6.93 N" in each for each in report.record["remarks"])
+
+
+@pytest.mark.slow
+def test_recordings_without_any_noise(monkeypatch, tmp_path):
+    made = "drillenv.recordings.made"
+    monkeypatch.setattr(f"{made}.NOISE", PerChannel(0.0, 0.0, 0.0))
+    monkeypatch.setattr(f"{made}.DIGITS", PerChannel(12, 9, 9))
+    folder = make_campaign(tmp_path / "made", rock(4), recordings=5, seconds=0.2, seed=5)
+    report = diagnose(read_campaign(folder))
+    assert report.verdict == "agrees"
+    assert any("No noise is seen on the force of 5 of 5 recordings" in each for each in report.record["remarks"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_recordings_say_what_they_cannot_prove(campaign, count):
+    report = diagnose(running(campaign, count))
+    assert named(report) == ["contact-rate"]
+    held = report.record["fit"]["held_out"]
+    if count == 1:
+        assert held["recordings"] == [] and held["after"] is None
+        assert "no other says whether it holds" in report.record["explained"]["of"]
+    else:
+        # each by a fit to the others
+        assert held["recordings"] == report.record["fit"]["fitted"]["recordings"]
+        assert held["after"] < 1.05 < held["before"]
+
+
+@pytest.mark.slow
+def test_long_recordings_are_shortened(tmp_path):
+    """Of 6 s each, the stretches that vary most, by what the folder holds."""
+    folder = make_campaign(
+        tmp_path / "made", rock(4), effects=[make("contact-rate", chi=0.45)], recordings=4, seconds=6.0, seed=5
+    )
+    report = diagnose(folder)
+    assert named(report) == ["contact-rate"]
+    assert sum("of 6 s" in each for each in report.record["remarks"]) == 4
+    assert set(report.record["inputs"]) == {"campaign.json", "r01.csv", "r02.csv", "r03.csv", "r04.csv"}
+
+
+def test_where_nothing_can_be_used_the_faults_are_said(campaign):
+    dead = campaign
+    for each in campaign.recordings:
+        dead = changed(dead, each.name, lambda name, x: 0.0 * x if name == "force" else x)
+    with pytest.raises(InputError, match=r"no recording can be used.*force"):
+        diagnose(dead)
