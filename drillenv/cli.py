@@ -117,6 +117,7 @@ def _parser() -> Parser:
         ("campaign", add_campaign, "write, check and look at the description of recordings"),
         ("indentation", _add_indentation, "fit a quasi-static indentation test: the stiffnesses of a rock"),
         ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
+        ("compare", _add_compare, "what differs between two diagnoses, as before and after a repair"),
         ("prove", _add_prove, "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
     ):
@@ -247,8 +248,19 @@ def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("campaign", metavar="CAMPAIGN", help="folder that holds campaign.json")
     note = "folder for report.html, report.json and model.json; made if it is not there"
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
+    note = "recordings to leave out, by name, such as r03,r05"
+    parser.add_argument("--exclude", default="", metavar="NAMES", help=note)
+    note = "recordings of the drilling rig that are fitted side by side (default: 2)"
+    parser.add_argument("--jobs", type=whole_number, default=None, metavar="N", help=note)
     add_json(parser)
     parser.set_defaults(run=_diagnose)
+
+
+def _add_compare(parser: Parser) -> None:
+    parser.add_argument("before", metavar="REPORT", help="report.json of one diagnosis")
+    parser.add_argument("after", metavar="REPORT", help="report.json of another")
+    add_json(parser)
+    parser.set_defaults(run=_compare, compiles=False)
 
 
 def _add_indentation(parser: Parser) -> None:
@@ -614,13 +626,24 @@ def _diagnose(given: argparse.Namespace) -> None:
     from drillenv.diagnosis.report import diagnose
 
     note = (lambda text: print(text, file=sys.stderr, flush=True)) if _progress() else None
-    report = diagnose(given.campaign, note)
+    exclude = [name.strip() for name in given.exclude.split(",") if name.strip()]
+    report = diagnose(given.campaign, note, exclude=exclude, jobs=given.jobs)
     report.write(folder)
     if given.json:
         print_json(report.record)
         return
     print(report.text())
     print(f"wrote report.html, report.json and model.json to {folder}")
+
+
+def _compare(given: argparse.Namespace) -> None:
+    from drillenv.diagnosis.compare import compare, compared_text, read_report
+
+    found = compare(read_report(given.before), read_report(given.after))
+    if given.json:
+        print_json(found)
+        return
+    print(compared_text(found))
 
 
 def _indentation(given: argparse.Namespace) -> None:

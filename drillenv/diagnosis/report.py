@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from drillenv.checks import InputError, shown
+from drillenv.checks import InputError, count, shown
 from drillenv.corrected import model_record
 from drillenv.diagnosis.body_diagnosis import diagnose_body
 from drillenv.diagnosis.findings import corrected, record_of, stated, waves
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.provenance import provenance
-from drillenv.diagnosis.verdict import diagnose_drill
+from drillenv.diagnosis.verdict import CORES, diagnose_drill
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
@@ -69,18 +69,28 @@ class Report:
                 part.write_text(text, encoding="utf-8")
 
 
-def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], object] | None = None) -> Report:
+def diagnose(
+    campaign: Campaign | str | os.PathLike[str],
+    note: Callable[[str], object] | None = None,
+    exclude: Sequence[str] = (),
+    jobs: int | None = None,
+) -> Report:
     """Find out where and why the recordings of a rig differ from its model.
 
     Args:
         campaign: A campaign, or the folder of one.
         note: Told what is being done.
+        exclude: Names of recordings to leave out.
+        jobs: Recordings of the drilling rig that are fitted side by side; None for two.
 
     Raises:
-        InputError: the campaign cannot be read, or holds too little that can be used.
+        InputError: the campaign cannot be read, has no recording of a name to exclude, or holds too little that can be
+            used; ``jobs`` is below 1.
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
+    jobs = CORES if jobs is None else count("jobs", jobs, 1, 1024)
+    campaign = without_recordings(campaign, exclude)
     faults, origin = check_quality(campaign), provenance(campaign)
     if campaign.rig == "one-body":
         body = diagnose_body(campaign, faults, note)
@@ -90,10 +100,26 @@ def diagnose(campaign: Campaign | str | os.PathLike[str], note: Callable[[str], 
         reasons = "; ".join(str(each) for each in faults[:3])
         raise InputError(f"no recording can be used: give one that is sound ({reasons})")
     campaign, shortened = excerpts(campaign)
-    outcome = diagnose_drill(campaign, note)
+    outcome = diagnose_drill(campaign, note, jobs)
     model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
     record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened])
     return Report(campaign.title, {**origin, **record}, model_record(model), waves(outcome))
+
+
+def without_recordings(campaign: Campaign, names: Sequence[str]) -> Campaign:
+    """A campaign without the recordings of these names.
+
+    Raises:
+        InputError: there is none of a name, or none is left.
+    """
+    there = [each.name for each in campaign.recordings]
+    unknown = [name for name in names if name not in there]
+    if unknown:
+        raise InputError(f"exclude names {shown(unknown[0])}: give names of recordings ({', '.join(there)})")
+    kept = tuple(each for each in campaign.recordings if each.name not in names)
+    if not kept:
+        raise InputError("exclude names all recordings: leave at least one")
+    return replace(campaign, recordings=kept) if names else campaign
 
 
 def _text(record: Mapping[str, Any]) -> str:

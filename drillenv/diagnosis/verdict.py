@@ -38,6 +38,7 @@ periods, in which a rig that runs repeats itself several times."""
 PART = 4
 """Windows of a part of a recording that is drawn for an interval."""
 CORES = 2
+"""Recordings that are fitted side by side where nobody says how many."""
 
 
 class Settled(NamedTuple):
@@ -98,7 +99,7 @@ class Outcome:
         return [*settled_of(self.final), *self.held_out[1]]
 
 
-def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None) -> Outcome:
+def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None, jobs: int = CORES) -> Outcome:
     """Explain a campaign of the drilling rig.
 
     Raises:
@@ -112,12 +113,12 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     campaign, labels = with_labels_corrected(campaign)
     for label in labels:
         say(label.sentence)
-    outcome = search(campaign, say)
+    outcome = search(campaign, say, jobs)
     alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
     if alone is not None:
         say(f"{alone} disagrees more than all the others together: once more without it")
         rest = tuple(each for each in campaign.recordings if each.name != alone)
-        again = search(replace(campaign, recordings=rest), say)
+        again = search(replace(campaign, recordings=rest), say, jobs)
         if again.verdict != "unexplained":
             # a corrected label of it has not helped
             labels = [each for each in labels if each.recording != alone]
@@ -125,8 +126,8 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)])
 
 
-def search(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
-    """The verdict on recordings as they are labelled."""
+def search(campaign: Campaign, say: Callable[[str], object], jobs: int = CORES) -> Outcome:
+    """The verdict on recordings as they are labelled, ``jobs`` of them fitted side by side."""
     rig = nominal_rig(campaign)
     data = [condition(each, rig) for each in campaign.recordings]
     late = common_lag(data, rig)
@@ -136,7 +137,7 @@ def search(campaign: Campaign, say: Callable[[str], object]) -> Outcome:
     fit_data = [each for i, each in enumerate(data) if i not in held]
     held_data = [each for i, each in enumerate(data) if i in held]
     # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
-    with threadpool_limits(1), ThreadPoolExecutor(CORES) as pool:
+    with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
         begun, plain, final, steps, tested = selected(campaign, fit_data, pool, say)
         plain = (plain or resettled(fit_data, begun, final, pool)) if steps else final
         proof = proved(fit_data, held_data, plain, final, pool)
