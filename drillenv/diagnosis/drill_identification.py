@@ -42,7 +42,7 @@ SENSORS = {
     "channel-delay": ("channel-delay",),
     "load-cell-inertia": ("load-cell-inertia",),
     "sensor-offset": ("sensor-offset",),
-    "mains-hum": ("mains-hum", "hum 50 Hz", "hum 60 Hz"),
+    "mains-hum": ("hum near 50 Hz", "hum near 60 Hz"),
     "sensor-highpass": (),
     "crosstalk": (),
 }

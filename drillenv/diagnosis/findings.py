@@ -100,27 +100,15 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
     }
     terms = step.terms
     if isinstance(terms[0], Added):
-        entry["parameters"] = entry["parameters"] or mean_offset(final, terms[0])
+        inside = indices_of(final, [terms[0]])
+        stated = terms[0].stated(final.values[inside], deviations(final)[inside])
+        entry["parameters"] = entry["parameters"] or stated
     elif isinstance(terms[0], Sensor):
         entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
         nearest = named.nearest_fit if named.equation is None else None
         entry["law"] = measured_law(final, step.family, terms, depth, ranges, nearest)
     return entry
-
-
-def mean_offset(final: Fitted, term: Added) -> dict[str, Any]:
-    """Offsets that differ from recording to recording, as their mean and its standard deviation."""
-    values = final.values_of(term.name).reshape(-1, 2)
-    count = len(values)
-    return {
-        symbol: {
-            "value": float(values[:, i].mean()),
-            "std": float(values[:, i].std(ddof=1) / math.sqrt(count)) if count > 1 else 0.0,
-            "unit": unit,
-        }
-        for i, (symbol, unit) in enumerate((("o_f", "N"), ("o_a", "m/s^2")))
-    }
 
 
 def form_of(step: Step) -> str:

@@ -197,16 +197,27 @@ class Added(Sensor):
         return sizes[self.names.index(scene.name) if self.names else 0] @ _waves(frequency / scene.rate, self.orders, n)
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
-        """Of a hum that is each recording's own, its frequency and the root mean square of its amplitudes."""
-        first = len(values) - 2 * max(1, len(self.names)) * max(1, 2 * len(self.orders))
-        if not self.orders or first == 0:
+        """What is each recording's own by the library's symbols.
+
+        Of a hum its frequency and the root mean square over recordings of the amplitude of its first order; of an
+        offset the mean over recordings with its standard deviation.
+        """
+        if not self.names:
             return super().stated(values, spread)
-        found = {"f_m": {"value": float(values[0]), "std": float(spread[0]), "unit": "Hz"}}
-        # by recording, channel, sine and cosine
-        sizes, spreads = (each[first:].reshape(-1, 2, 2) for each in (values, spread))
-        for i, (name, unit) in enumerate((("b_f", "N"), ("b_a", "m/s^2"))):
-            size, std = mean_amplitude(sizes[:, i], spreads[:, i])
-            found[name] = {"value": size, "std": std, "unit": unit}
+        first = len(values) - 2 * len(self.names) * max(1, 2 * len(self.orders))
+        # by recording, channel, and sine and cosine of each order
+        sizes, spreads = (each[first:].reshape(len(self.names), 2, -1) for each in (values, spread))
+        found = {}
+        if self.orders:
+            frequency, std = (float(values[0]), float(spread[0])) if first else (self.frequency, 0.0)
+            found["f_m"] = {"value": frequency, "std": std, "unit": "Hz"}
+        for i, (channel, (_name, unit)) in enumerate(zip("fa", CHANNELS, strict=True)):
+            if self.orders:
+                size, std = mean_amplitude(sizes[:, i, :2], spreads[:, i, :2])
+            else:
+                size, count = float(sizes[:, i].mean()), len(self.names)
+                std = float(sizes[:, i].std(ddof=1)) / math.sqrt(count) if count > 1 else 0.0
+            found[f"{'b' if self.orders else 'o'}_{channel}"] = {"value": size, "std": std, "unit": unit}
         return found
 
 
@@ -245,7 +256,8 @@ def free_response(rings: Sequence[float]) -> Law:
 
 def added(names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown) -> Added:
     """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz."""
-    what, stage = (f"hum {frequency:g} Hz", 4) if orders else ("offset", 5)
+    # terms of a model are told apart by name, and a free law may correct the library's equation
+    what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
     waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
     for name in names:
         for (channel, unit), width in zip(CHANNELS, (3.0, 1.0), strict=True):

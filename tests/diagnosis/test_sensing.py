@@ -133,17 +133,40 @@ def test_a_hum_has_its_frequency_and_an_amplitude_in_each_recording():
     true = dense(RATE, 16)[1]
     measured = make("mains-hum", f_m=49.97, b_f=10.0, psi_f=0.7, b_a=4.0, psi_a=-2.0)
     said = pair(library(true, [measured]), 16)
-    term = textbook()["hum 50 Hz"]
+    term = textbook()["hum near 50 Hz"]
     assert [each.name for each in term.unknowns][:3] == [
         "f_m",
-        "hum 50 Hz 1 sin force r01",
-        "hum 50 Hz 1 cos force r01",
+        "hum near 50 Hz 1 sin force r01",
+        "hum near 50 Hz 1 cos force r01",
     ]
     own = [10.0 * math.cos(0.7), 10.0 * math.sin(0.7), 4.0 * math.cos(-2.0), 4.0 * math.sin(-2.0)]
     values = np.array([49.97, *[0.0] * 4, *own])
     np.testing.assert_allclose(read(term, values, pair(true, 16), scene(1)), said, atol=1e-6)
     np.testing.assert_array_equal(read(term, values, pair(true, 16), scene(0)), pair(true, 16))
     assert term.add(values, scene(1)._replace(name="r09"), 10) is None
+
+
+def test_free_laws_and_equations_have_names_of_their_own():
+    """Terms of a model are found by name, and one may have a hum by the equation with a free law on top."""
+    names = [each.name for each in (*families().values(), *textbook().values())]
+    assert len({*names}) == len(names)
+
+
+def test_a_free_hum_is_stated_by_its_first_order():
+    """By recording, channel, order, sine and cosine: 3 and 4 N, 6 and 8 m/s^2 in one, twice that in the other."""
+    term = families()["mains-hum 50 Hz"]
+    once = [3.0, 4.0, 0.1, 0.1, 6.0, 8.0, 0.1, 0.1]
+    values = np.array([*once, *(2.0 * each for each in once)])
+    found = term.stated(values, np.full(values.size, 0.1))
+    assert found["f_m"] == {"value": 50.0, "std": 0.0, "unit": "Hz"}
+    assert found["b_f"]["value"] == pytest.approx(5.0 * math.sqrt(2.5)) and found["b_f"]["unit"] == "N"
+    assert found["b_a"]["value"] == pytest.approx(10.0 * math.sqrt(2.5)) and found["b_a"]["unit"] == "m/s^2"
+
+
+def test_offsets_of_recordings_are_stated_by_their_mean():
+    found = families()["sensor-offset"].stated(np.array([1.0, 10.0, 3.0, 14.0]), np.full(4, 0.1))
+    assert found["o_f"] == {"value": 2.0, "std": pytest.approx(1.0), "unit": "N"}
+    assert found["o_a"] == {"value": 12.0, "std": pytest.approx(2.0), "unit": "m/s^2"}
 
 
 def explained(term, change, rate=RATE, fine=16):
