@@ -35,6 +35,8 @@ class Explained(NamedTuple):
     @property
     def sentence(self) -> str:
         """For a person."""
+        if self.share == self.low == self.high == 0.0:
+            return f"The mismatch does not stand out of the noise on {self.of}."
         low, high = 100.0 * self.low, 100.0 * self.high
         share = f"{100.0 * self.share:.3g} % of the mismatch on {self.of}"
         return f"This accounts for {share} (95 % interval {low:.3g} to {high:.3g} %)."
@@ -43,17 +45,20 @@ class Explained(NamedTuple):
 def explained(before: Floats, after: Floats, of: str) -> Explained:
     """How much of a mismatch is gone: (parts,) of it before and after; ``of`` says in words what the parts are of.
 
-    Of a part that one of the models cannot follow nothing is explained.
+    Of a part that the second model cannot follow nothing is explained; one that the first cannot counts as the worst
+    of the others.
     """
     followed = np.isfinite(before) & np.isfinite(after)
     if not followed.any():
         return Explained(0.0, 0.0, 0.0, of)
     largest = float(np.max(before[followed]))
-    before = np.where(followed, before, largest)
-    after = np.where(followed, after, before)
+    before = np.where(np.isfinite(before), before, largest)
+    after = np.where(np.isfinite(after), after, before)
     drawn = np.random.default_rng(SEED).integers(before.size, size=(DRAWS, before.size))
     totals = before[drawn].sum(axis=1)
-    shares = 1.0 - after[drawn].sum(axis=1) / np.where(totals > 0.0, totals, np.inf)
+    left = after[drawn].sum(axis=1)
+    # of a mismatch that is not seen nothing is explained
+    shares = np.where(totals > 0.0, 1.0 - left / np.where(totals > 0.0, totals, 1.0), 0.0)
     low, high = np.percentile(shares, [2.5, 97.5])
     share = 1.0 - float(after.sum()) / float(before.sum()) if before.sum() > 0.0 else 0.0
     return Explained(min(share, 1.0), min(float(low), 1.0), min(float(high), 1.0), of)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -24,6 +24,8 @@ from drillenv.rig import PUSH
 
 TWO_PI = 2.0 * math.pi
 CHANNELS = (("force", "N"), ("acceleration", "m/s^2"))
+WIDTHS = (3.0, 1.0)
+"""Of constants on them, in the solver's units."""
 FORCE, ACCELERATION = 0, 1
 NONE = 1e6  # Hz: here a resonance or a low-pass does nothing, as in the library
 LAGS, CORNERS = (-5e-5, 5e-5, 1.2e-4, 2.5e-4, 4.5e-4, 8e-4), (300.0, 800.0, 2000.0)
@@ -32,6 +34,8 @@ BROAD, NARROW = 0.06, 0.03  # damping ratios of its resonators where there are m
 OVERDAMPED = 0.6
 """Damping ratio beyond which a resonance raises no frequency and is a low-pass."""
 CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
+GAINS = 2 * len(SLOW_CORNERS)
+"""Of a high-pass, by channel and corner."""
 
 
 @dataclass(frozen=True)
@@ -160,22 +164,61 @@ class Law(Sensor):
 
 @dataclass(frozen=True)
 class HighPass(Sensor):
-    """Channels less first-order low-passes, which had settled on static force and no acceleration in a running rig."""
+    """Channels less first-order low-passes, and the charge that the coupling of each recording still has.
+
+    A running rig had settled on its static force and no acceleration, but for that charge: gains of the low-passes by
+    channel and corner, then charges by recording and channel.
+    """
+
+    names: tuple[str, ...] = ()
+    """Recordings with charges of their own."""
+    common = GAINS
+
+    def gains(self, values: Floats) -> Floats:
+        """(2, corners) by channel."""
+        return values[:GAINS].reshape(2, -1)
 
     def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
         """Subtract the low-passes, from rest."""
         rested, read = np.concatenate([np.zeros_like(signals[..., :1]), signals], axis=-1), signals.copy()
-        for channel, corner in np.argwhere(values.reshape(2, -1)):
+        gains = self.gains(values)
+        for channel, corner in np.argwhere(gains):
             slow = _filtered(rested[..., channel, :], scene.rate, SLOW_CORNERS[corner])[..., 1:]
-            read[..., channel, :] -= values.reshape(2, -1)[channel, corner] * slow
+            read[..., channel, :] -= gains[channel, corner] * slow
         return read
 
     def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
-        """What is left of the mean before the first sample."""
-        left = np.exp(-TWO_PI * np.outer(SLOW_CORNERS, np.arange(n - first) / scene.rate))
+        """What is left of the mean before the first sample, and of the charge there."""
+        gains, seconds = self.gains(values), np.arange(n - first) / scene.rate
         added = np.zeros((2, n))
-        added[FORCE, first:] = -PUSH * scene.pressure * (values.reshape(2, -1)[FORCE] @ left)
-        return None if scene.fresh else added
+        if not scene.fresh:
+            left = np.exp(-TWO_PI * np.outer(SLOW_CORNERS, seconds))
+            added[FORCE, first:] = -PUSH * scene.pressure * (gains[FORCE] @ left)
+        if scene.name in self.names:
+            i = GAINS + 2 * self.names.index(scene.name)
+            fading = np.exp(-TWO_PI * np.outer(self.corners(values), seconds))
+            added[:, first:] += values[i : i + 2, None] * fading
+        return added
+
+    def corners(self, values: Floats) -> Floats:
+        """(2,) Hz at 3 dB by channel: far above, each low-pass falls with its corner over the frequency."""
+        return np.maximum(self.weights() @ values, 0.0)
+
+    def weights(self) -> Floats:
+        """(2, parameters) of the corners in Hz."""
+        made = np.zeros((2, len(self.unknowns)))
+        for channel in (FORCE, ACCELERATION):
+            first = channel * len(SLOW_CORNERS)
+            made[channel, first : first + len(SLOW_CORNERS)] = SLOW_CORNERS
+        return made
+
+    def of_recording(self, name: str, values: Floats) -> tuple[HighPass, Floats]:
+        """The same with the charge of one recording, which may be another."""
+        begun = np.append(values[:GAINS], [0.0, 0.0])
+        if name in self.names:
+            i = GAINS + 2 * self.names.index(name)
+            begun[GAINS:] = values[i : i + 2]
+        return replace(self, unknowns=self.unknowns[: GAINS + 2], names=(name,)), begun
 
 
 @dataclass(frozen=True)
@@ -260,7 +303,7 @@ def added(names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = 
     what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
     waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
     for name in names:
-        for (channel, unit), width in zip(CHANNELS, (3.0, 1.0), strict=True):
+        for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
             first += _free([f"{what}{wave} {channel} {name}" for wave in waves], width, unit)
     return Added(what, first, stage, (), frequency, tuple(orders), tuple(names))
 
@@ -285,13 +328,19 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
     """Free laws at zero, of these recordings; ``rings`` adds responses with one resonator each, for weak damping."""
     masses = ["m_c"] + [f"m_c {corner:g} Hz" for corner in CELL_CORNERS]
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
+    charges = [
+        each
+        for name in names
+        for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True)
+        for each in _free([f"charge {channel} {name}"], width, unit)
+    ]
     found: dict[str, Sensor] = {
         "accelerometer": free_response(_resonators(8, rate)),
         "channel-delay": Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay),
         "load-cell-inertia": Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia),
         "sensor-offset": added(names),
         **{f"mains-hum {line:g} Hz": added(names, line, (1, 2)) for line in (50.0, 60.0)},
-        "sensor-highpass": HighPass("high-pass", _free(gains, 0.2), 3),
+        "sensor-highpass": HighPass("high-pass", (*_free(gains, 0.2), *charges), 3, names=tuple(names)),
         "crosstalk": Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk),
     }
     if rings:

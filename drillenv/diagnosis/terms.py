@@ -136,6 +136,8 @@ class Term:
     """Sensors act in rising order of it."""
     remembers = False
     """Whether it has states of its own, of the mount or the air."""
+    common = 1
+    """How many of the parameters that :meth:`of_recording` returns all recordings have in common, the first ones."""
 
     def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
         """Add to the model of a recording."""

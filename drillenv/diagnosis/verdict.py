@@ -417,8 +417,7 @@ def with_own_waves(there: Settled) -> Settled:
         alone, begun = term.of_recording(block.scene.name, each)
         terms.append(alone)
         values.append(begun / np.array([one.width for one in alone.unknowns]))
-        # the first is shared
-        free.append((np.arange(begun.size) > 0) & (alone is not term))
+        free.append((np.arange(begun.size) >= alone.common) & (alone is not term))
     open_ = np.concatenate(free)
     if not open_.any():
         return there

@@ -34,6 +34,21 @@ def test_nothing_is_explained_of_no_mismatch():
     assert found.share == 0.0 and math.isfinite(found.low) and math.isfinite(found.high)
 
 
+def test_where_no_mismatch_is_seen_nothing_is_proved():
+    """However little the corrected model leaves."""
+    found = explained(np.array([-1.0, -0.5, -2.0]), np.array([-3.0, -2.5, -4.0]), "parts")
+    assert found.share == found.low == found.high == 0.0
+    assert found.sentence == "The mismatch does not stand out of the noise on parts."
+    assert classify(True, False, False, True, found) == "unexplained"
+
+
+def test_of_parts_that_a_model_cannot_follow_nothing_is_explained():
+    before = np.array([10.0, 12.0, 9.0, 11.0])
+    found = explained(before, np.array([0.0, 0.0, math.inf, 0.0]), "parts")
+    assert found.share == pytest.approx(33.0 / 42.0)
+    assert explained(before * math.inf, before, "parts").share == 0.0
+
+
 def test_the_same_parts_give_the_same_interval():
     before, after = np.arange(1.0, 21.0), np.full(20, 0.5)
     assert explained(before, after, "a") == explained(before, after, "a")

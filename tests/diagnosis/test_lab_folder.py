@@ -123,3 +123,15 @@ def test_where_nothing_can_be_used_the_faults_are_said(campaign):
         dead = changed(dead, each.name, lambda name, x: 0.0 * x if name == "force" else x)
     with pytest.raises(InputError, match=r"no recording can be used.*force"):
         diagnose(dead)
+
+
+@pytest.mark.slow
+def test_coupled_channels_are_named(tmp_path):
+    """Force by 0.5 Hz, acceleration by 1 Hz, as of every IEPE and piezoelectric sensor; the charge is each start's."""
+    effect = make("sensor-highpass", corner_f=0.5, corner_a=1.0)
+    folder = make_campaign(tmp_path / "made", rock(4), effects=[effect], recordings=6, seconds=0.3, seed=5)
+    record = diagnose(folder).record
+    (finding,) = record["findings"]
+    assert finding["mechanism"] == "sensor-highpass"
+    assert finding["parameters"]["corner_f"]["value"] == pytest.approx(0.5, abs=0.03)
+    assert finding["parameters"]["corner_a"]["value"] == pytest.approx(1.0, abs=0.15)

@@ -257,14 +257,32 @@ def test_ac_coupling_is_explained(channel, corner):
 
 def test_a_high_pass_had_settled_where_a_rig_was_running():
     term = families()["sensor-highpass"]
-    gains = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    values = np.zeros(len(term.unknowns))
+    values[1] = 1.0
     steady = np.zeros((2, 5000))
     steady[0, 300:] = PUSH * SETTINGS[0].pressure
-    added = term.add(gains, scene(0), 5000, 300)
+    added = term.add(values, scene(0), 5000, 300)
     assert added is not None
-    left = term.sense(gains, steady, scene(0)) + added
+    left = term.sense(values, steady, scene(0)) + added
     np.testing.assert_allclose(left, 0.0, atol=0.01 * steady.max())
-    assert term.add(gains, scene(0, fresh=True), 5000, 300) is None
+    np.testing.assert_array_equal(term.add(values, scene(0, fresh=True), 5000, 300), 0.0)
+
+
+def test_the_charge_of_a_coupling_fades_with_its_corner():
+    """Of each recording its own, 0.5 Hz on the force and 1 Hz on the acceleration; one that is new begins without."""
+    term = families()["sensor-highpass"]
+    values = np.zeros(len(term.unknowns))
+    values[:6] = [0.0, 0.5, 0.0, 0.0, 1.0, 0.0]
+    values[6:8] = [20.0, -3.0]
+    added = term.add(values, scene(0, fresh=True), 5000, 300)
+    seconds = np.arange(4700) / RATE
+    assert np.all(added[:, :300] == 0.0)
+    np.testing.assert_allclose(added[0, 300:], 20.0 * np.exp(-math.pi * seconds))
+    np.testing.assert_allclose(added[1, 300:], -3.0 * np.exp(-2.0 * math.pi * seconds))
+    alone, own = term.of_recording(NAMES[0], values)
+    assert own.tolist() == [*values[:6], 20.0, -3.0] and alone.common == 6
+    assert term.of_recording("r99", values)[1][6:].tolist() == [0.0, 0.0]
+    assert term.corners(values).tolist() == [0.5, 1.0]
 
 
 def test_responses_are_those_of_the_equations():
