@@ -21,7 +21,7 @@ from scipy.signal import cont2discrete, lfilter, upfirdn
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.coupling import ADDED
-from drillenv.diagnosis.noise import quantum
+from drillenv.diagnosis.noise import dead_band, quantum
 from drillenv.recordings import Recording
 from drillenv.rig import Rig, Setting
 
@@ -120,8 +120,14 @@ def white_noise(signal: np.ndarray) -> float:
 
 
 def least_step(signal: np.ndarray) -> float:
-    """Step of the converter, or what stands for it where there is none: recordings without noise are simulated ones."""
-    return max(quantum(signal), math.sqrt(12.0) * RESOLUTION * float(np.std(signal)))
+    """Step of the converter, or what stands for it: a dead band's width, or a share of the signal.
+
+    Recordings without any noise are simulated ones.
+    """
+    step, band = quantum(signal), dead_band(signal)
+    # the least value of a converter without a dead band is a step
+    step = 2.0 * band if band > 1.5 * step else step
+    return max(step, math.sqrt(12.0) * RESOLUTION * float(np.std(signal)))
 
 
 def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[float, float, float]:

@@ -444,8 +444,8 @@ def noise_floors(outcome: Outcome) -> list[str]:
         floors = [floor * thinned for std, floor, thinned in least if std <= 1.001 * floor]
         if floors:
             said.append(
-                f"No noise is seen on the {channel} of {len(floors)} of {len(least)} recordings beside the steps of "
-                f"its converter: it is judged by {max(floors):.3g} {unit}."
+                f"No noise is seen on the {channel} of {len(floors)} of {len(least)} recordings beside the steps, or "
+                f"the dead band, of its converter: it is judged by {max(floors):.3g} {unit}."
             )
     return said
 

@@ -30,6 +30,10 @@ LONE, LONE_REACH, LONE_LEAST = 4.0, 6.0, 20.0
 """Power of a line on a harmonic over that of all within so many harmonics of it, and over the noise, at least."""
 
 
+BAND_LEAST = 20
+"""Values at 0, and just beyond a dead band: without one as many would lie below, by chance none once in 2^20."""
+
+
 @dataclass(frozen=True)
 class NoiseModel:
     """White noise, with 1/f noise below a corner, and sinusoidal lines.
@@ -258,6 +262,20 @@ def quantum(samples: ArrayLike) -> float:
         if np.all(np.abs(near / step - np.rint(near / step)) < 0.05):
             return float(step)
     return 0.0
+
+
+def dead_band(samples: ArrayLike) -> float:
+    """Below what size a channel reads 0; 0 where there is no such band.
+
+    There is one where values from it up to twice it are many, and none but 0 lie below.
+    """
+    sizes = np.sort(np.abs(np.asarray(samples, dtype=float)))
+    sizes = sizes[np.isfinite(sizes)]
+    others = sizes[sizes > 0.0]
+    if others.size == 0 or sizes.size - others.size < BAND_LEAST:
+        return 0.0
+    width = float(others[0])
+    return width if np.count_nonzero(others < 2.0 * width) >= BAND_LEAST else 0.0
 
 
 def lone_lines(residual: ArrayLike, rate: float, fundamental: float, model: NoiseModel) -> tuple[float, ...]:

@@ -80,6 +80,17 @@ def test_a_coarse_converter_sets_the_noise(campaign):
 
 
 @pytest.mark.slow
+def test_a_dead_band_sets_the_noise(campaign):
+    """What is below 20 N reads 0: no law of the rock is to be seen in that."""
+    dead = campaign
+    for each in campaign.recordings:
+        dead = changed(dead, each.name, lambda name, x: np.where(abs(x) < 20.0, 0.0, x) if name == "force" else x)
+    report = diagnose(dead)
+    assert named(report) == ["contact-rate"]
+    assert any("dead band" in each for each in report.record["remarks"])
+
+
+@pytest.mark.slow
 def test_recordings_without_any_noise(monkeypatch, tmp_path):
     made = "drillenv.recordings.made"
     monkeypatch.setattr(f"{made}.NOISE", PerChannel(0.0, 0.0, 0.0))

@@ -7,7 +7,16 @@ import pytest
 from scipy import signal, stats
 
 from drillenv.diagnosis.comb import off_comb
-from drillenv.diagnosis.noise import NoiseModel, _sections, estimate, find_lines, line_columns, quantum, whiten
+from drillenv.diagnosis.noise import (
+    NoiseModel,
+    _sections,
+    dead_band,
+    estimate,
+    find_lines,
+    line_columns,
+    quantum,
+    whiten,
+)
 
 RATE, SIZE = 25_600.0, 12_800
 LINES = (431.7, 977.13, 1503.4, 2222.2, 3333.3)
@@ -164,6 +173,14 @@ def test_numbers_that_were_not_rounded_have_no_step():
     assert quantum(white(12)) == 0.0
     assert quantum(np.full(100, 3.0)) == 0.0
     assert quantum([1.0, np.nan, 1.0]) == 0.0
+
+
+def test_a_dead_band_is_found_and_nothing_else_is_one():
+    samples = 100.0 * white(14)
+    assert dead_band(np.where(np.abs(samples) < 20.0, 0.0, samples)) == pytest.approx(20.0, rel=0.02)
+    # a body of no force at all for half of the time, as a simulated rock in flight
+    assert dead_band(np.maximum(samples, 0.0)) < 0.5
+    assert dead_band(samples) == dead_band(np.zeros(100)) == dead_band([np.nan, 1.0]) == 0.0
 
 
 def test_rounding_counts_as_white_noise():
