@@ -17,7 +17,7 @@ from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measu
 from drillenv.diagnosis.naming import MOST, effect_of
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested
-from drillenv.diagnosis.sensing import Added, HighPass, Sensor
+from drillenv.diagnosis.sensing import Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG
 from drillenv.diagnosis.terms import Term
@@ -102,8 +102,8 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
     if isinstance(terms[0], Added):
         entry["parameters"] = entry["parameters"] or stated_by(final, terms[0])
     elif isinstance(terms[0], Sensor):
-        if named.equation is None and isinstance(terms[0], HighPass):
-            entry["parameters"] = corners(final, terms[0])
+        if named.equation is None:
+            entry["parameters"] = summed_up(final, terms[0])
         entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
         nearest = named.nearest_fit if named.equation is None else None
@@ -111,14 +111,12 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
     return entry
 
 
-def corners(final: Fitted, term: HighPass) -> dict[str, Any]:
-    """Corner frequencies of coupled channels, where they stand out of their errors."""
-    inside, weights = indices_of(final, [term]), term.weights()
+def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:
+    """What a sensor's free law comes to, in numbers."""
+    inside = indices_of(final, [term])
     widths = np.array([each.width for each in term.unknowns])
     covariance = final.fit.covariance[np.ix_(inside, inside)] * np.outer(widths, widths) * max(1.0, final.per_freedom)
-    stds = np.sqrt(np.einsum("ci,ij,cj->c", weights, covariance, weights))
-    found = zip(("corner_f", "corner_a"), term.corners(final.values[inside]), stds, strict=True)
-    return {name: quantity(float(value), std, "Hz") for name, value, std in found if value > 2.0 * std}
+    return {name: quantity(*each) for name, each in term.summed_up(final.values[inside], covariance).items()}
 
 
 def stated_by(final: Fitted, term: Term) -> dict[str, Any]:

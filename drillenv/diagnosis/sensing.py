@@ -51,6 +51,10 @@ class Sensor(Term):
         """(2, n) what it adds whatever the motion, of which ``first`` is the first sample."""
         return None
 
+    def summed_up(self, values: Floats, covariance: Floats) -> dict[str, tuple[float, float, str]]:
+        """What a free law comes to by the library's symbols: value, standard deviation and unit; {} where nothing."""
+        return {}
+
     def pulses(self, values: Floats, rate: float, seconds: float = 0.1) -> tuple[int, Floats]:
         """What is read of a 1 on one channel at a sample: that sample, and (2 true, 2 read, n)."""
         middle = round(0.02 * rate)
@@ -212,6 +216,13 @@ class HighPass(Sensor):
             made[channel, first : first + len(SLOW_CORNERS)] = SLOW_CORNERS
         return made
 
+    def summed_up(self, values: Floats, covariance: Floats) -> dict[str, tuple[float, float, str]]:
+        """Corner frequencies of coupled channels, where they stand out of their errors."""
+        weights = self.weights()
+        stds = np.sqrt(np.einsum("ci,ij,cj->c", weights, covariance, weights))
+        found = zip(("corner_f", "corner_a"), self.corners(values), stds, strict=True)
+        return {name: (float(value), float(std), "Hz") for name, value, std in found if value > 2.0 * std}
+
     def of_recording(self, name: str, values: Floats) -> tuple[HighPass, Floats]:
         """The same with the charge of one recording, which may be another."""
         begun = np.append(values[:GAINS], [0.0, 0.0])
@@ -219,6 +230,32 @@ class HighPass(Sensor):
             i = GAINS + 2 * self.names.index(name)
             begun[GAINS:] = values[i : i + 2]
         return replace(self, unknowns=self.unknowns[: GAINS + 2], names=(name,)), begun
+
+
+@dataclass(frozen=True)
+class OwnDelays(Sensor):
+    """An acceleration that comes late by another time in each recording, in s, as from loggers started by hand."""
+
+    names: tuple[str, ...] = ()
+    """Recordings with delays of their own; any other has their mean."""
+    common = 0
+
+    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+        """Delay the acceleration."""
+        own = values[self.names.index(scene.name)] if scene.name in self.names else float(np.mean(values))
+        delayed = _delay(np.array([0.0, own]), signals[..., FORCE, :], signals[..., ACCELERATION, :], scene.rate)
+        return np.stack(delayed, axis=-2)
+
+    def of_recording(self, name: str, values: Floats) -> tuple[OwnDelays, Floats]:
+        """The same with the delay of one recording, which may be another and then begins with their mean."""
+        own = values[self.names.index(name)] if name in self.names else float(np.mean(values))
+        return replace(self, unknowns=self.unknowns[:1], names=(name,)), np.array([own])
+
+    def summed_up(self, values: Floats, covariance: Floats) -> dict[str, tuple[float, float, str]]:
+        """The mean over recordings, and the standard deviation of it."""
+        count = len(values)
+        std = float(values.std(ddof=1)) / math.sqrt(count) if count > 1 else math.sqrt(float(covariance[0, 0]))
+        return {"delay_a": (float(values.mean()), std, "s")}
 
 
 @dataclass(frozen=True)
@@ -334,9 +371,11 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True)
         for each in _free([f"charge {channel} {name}"], width, unit)
     ]
+    delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     found: dict[str, Sensor] = {
         "accelerometer": free_response(_resonators(8, rate)),
         "channel-delay": Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay),
+        "channel-delay of each recording": OwnDelays("own delays", delays, 3, names=tuple(names)),
         "load-cell-inertia": Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia),
         "sensor-offset": added(names),
         **{f"mains-hum {line:g} Hz": added(names, line, (1, 2)) for line in (50.0, 60.0)},

@@ -285,6 +285,21 @@ def test_the_charge_of_a_coupling_fades_with_its_corner():
     assert term.corners(values).tolist() == [0.5, 1.0]
 
 
+def test_each_recording_has_a_delay_of_its_own():
+    """By the library's delay in one recording and none in the other; a third has their mean."""
+    term = families()["channel-delay of each recording"]
+    true = dense(RATE, 16)[1]
+    said = pair(library(true, [make("channel-delay", delay_a=2e-4)]), 16)[:, 800:]
+    values = np.array([0.0, 2e-4])
+    got = read(term, values, pair(true, 16), scene(1))[:, 800:]
+    assert np.std(got[1] - said[1]) < 0.02 * np.std(said[1] - pair(true, 16)[1, 800:])
+    np.testing.assert_array_equal(read(term, values, pair(true, 16), scene(0)), pair(true, 16))
+    alone, own = term.of_recording("r99", values)
+    assert own.tolist() == [1e-4] and alone.common == 0
+    value, std, unit = term.summed_up(values, np.eye(2))["delay_a"]
+    assert (value, unit) == (1e-4, "s") and std == pytest.approx(1e-4)
+
+
 def test_responses_are_those_of_the_equations():
     f = np.array([50.0, 400.0, 1500.0, 3800.0, 6000.0])
     ring = response(textbook()["accelerometer-resonance"], np.array([4000.0, 0.05]), f)
