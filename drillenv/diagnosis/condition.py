@@ -119,15 +119,16 @@ def white_noise(signal: np.ndarray) -> float:
     return float(np.median(np.abs(np.diff(signal, 4))) / (0.674490 * math.sqrt(70.0)))
 
 
-def least_step(signal: np.ndarray) -> float:
-    """Step of the converter, or what stands for it: a dead band's width, or a share of the signal.
-
-    Recordings without any noise are simulated ones.
-    """
+def converter_step(signal: np.ndarray) -> float:
+    """Step of the converter, or twice its dead band, which loses as much."""
     step, band = quantum(signal), dead_band(signal)
     # the least value of a converter without a dead band is a step
-    step = 2.0 * band if band > 1.5 * step else step
-    return max(step, math.sqrt(12.0) * RESOLUTION * float(np.std(signal)))
+    return 2.0 * band if band > 1.5 * step else step
+
+
+def least_step(signal: np.ndarray) -> float:
+    """The same, or a share of the signal by which it is judged at least: without any noise recordings are simulated."""
+    return max(converter_step(signal), math.sqrt(12.0) * RESOLUTION * float(np.std(signal)))
 
 
 def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[float, float, float]:
@@ -207,10 +208,10 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     level = level if abs(level) > noise else 0.0
     own, time = np.ones_like(force), np.arange(force.size) / rate
     hums = {orders: _hums(time, omega, orders) for orders in ORDERS}
-    best, found = 0.0, np.full(force.size, level)
-    # the simplest come first, others have to say more than these
+    best, found, hummed = 0.0, np.full(force.size, level), False
+    # the simplest come first, others have to say more than these, and overtones more than their fundamental
     for orders, some_mass in (((1,), False), ((), True), ((1,), True), (ORDERS[-1], False), (ORDERS[-1], True)):
-        if orders and some_mass and best == 0.0:
+        if (orders and some_mass and best == 0.0) or (len(orders) > 1 and not hummed):
             break
         needed = best + HUM
         for hum in hums[orders] if orders else [()]:
@@ -221,7 +222,7 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
             if some_mass and not 0.0 < read.weights[1] < HEAVY:
                 continue
             if math.hypot(*read.weights[1 + some_mass :]) < STEEP * read.height:
-                best, found = read.gain, read.said
+                best, found, hummed = read.gain, read.said, bool(orders)
     return found
 
 
@@ -337,31 +338,30 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     rate = recording.sample_rate
     omega, phase, amplitude = fit_excitation(excitation, rate, setting.frequency)
     angle = phase + omega * np.arange(force.size) / rate
-    steps = least_step(force), least_step(acceleration)
-    noise = (
-        max(white_noise(force), steps[0] / math.sqrt(12.0)),
-        max(white_noise(acceleration), steps[1] / math.sqrt(12.0)),
+    noise, acceleration_noise = (
+        max(white_noise(each), converter_step(each) / math.sqrt(12.0), 1e-6) for each in (force, acceleration)
     )
+    steps = least_step(force), least_step(acceleration)
     now = acceleration
     if late != 0.0:
         samples = np.arange(force.size)
         now = np.interp(samples + late * rate, samples, acceleration)
     # whatever the load cell says in flight is not of the rock
-    resting = force - flight_reading(force, now, noise[0], rate, omega)
-    touches = contacts(resting, noise[0])
+    resting = force - flight_reading(force, now, noise, rate, omega)
+    touches = contacts(resting, noise)
     if len(touches) < 3:
         raise InputError(f"{recording.name}: the force shows {len(touches)} contacts: record a rig that drills")
-    now = now - acceleration_level(touches, resting, now, noise[1])
+    now = now - acceleration_level(touches, resting, now, acceleration_noise)
     y, closing = spring_from_force(rig, setting, resting, now, angle, rate)
     fresh = recording.starts == "fresh"
     starts = window_starts(
-        flights(touches, resting, noise[0]), touches[-1, 1], force.size, 2 * math.pi / omega * rate, fresh
+        flights(touches, resting, noise), touches[-1, 1], force.size, 2 * math.pi / omega * rate, fresh
     )
     if len(starts) < 4:
         raise InputError(
             f"{recording.name}: {len(starts) - 1} stretches begin off the rock: record for longer, with less pressure"
         )
-    states = np.array([_state_at(int(s), touches, resting, now, rate, y, closing, noise[0]) for s in starts[:-1]])
+    states = np.array([_state_at(int(s), touches, resting, now, rate, y, closing, noise) for s in starts[:-1]])
     static = rig.static_force(setting)
     states[:, 0] = rig.stiffness * states[:, 0] + ADDED * (states[:, 0] - static / rig.stiffness)
     states[:, 1] = rig.damping * (states[:, 1] - states[:, 2])
@@ -380,8 +380,8 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         omega,
         phase,
         amplitude,
-        less * noise[0],
-        less * noise[1],
+        less * max(noise, steps[0] / math.sqrt(12.0)),
+        less * max(acceleration_noise, steps[1] / math.sqrt(12.0)),
         starts // factor,
         states,
         factor,

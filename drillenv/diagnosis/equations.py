@@ -63,13 +63,13 @@ def _factor(shape: Shape, p: tuple[float, ...], around: Around, unloading: bool,
     scale = {"depth": 1.0, "loading depth": stiff / around.kl, "force": stiff}[shape.over]
     goal = np.maximum(w, 0.0) * scale * around.kl / stiff
     reach = np.concatenate([[0.0], np.geomspace(1e-9, 1e3, FINE) * max(float(goal.max()), 1e-12)])
-    at = np.maximum(np.interp(goal, shape.law(reach, p, around.k), reach), 1e-7 * reach[-1] * 1e-3)
 
     def slope() -> Floats:
         return (shape.law(at * 1.0001, p, around.k) - shape.law(at * 0.9999, p, around.k)) / (at * 2e-4)
 
     # a fit may try parameters that no law has; its next step is then a shorter one
     with np.errstate(over="ignore", invalid="ignore"):
+        at = np.maximum(np.interp(goal, shape.law(reach, p, around.k), reach), 1e-7 * reach[-1] * 1e-3)
         for _ in range(3):
             at = np.maximum(at - (shape.law(at, p, around.k) - goal) / np.maximum(slope(), 1e-9), 0.5 * at)
         return slope()
