@@ -43,7 +43,7 @@ class RecordingProblem(Block, Protocol):
 
     @property
     def power(self) -> float:
-        """Sum of the squares of what is judged about its mean, in variances of the noise."""
+        """Sum of the squares of what sensors read about its mean, in variances of the noise; 0 where none is judged."""
         ...
 
     def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[RecordingProblem, Floats]:

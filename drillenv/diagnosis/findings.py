@@ -466,7 +466,7 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
     return tuple(made)
 
 
-def record_of(outcome: Outcome, faults: list[str], left_out: list[str]) -> dict[str, Any]:
+def record_of(outcome: Outcome, faults: list[str], left_out: Sequence[str] = ()) -> dict[str, Any]:
     """The record of ``report.json``: ``faults`` of the recordings, and what of them was ``left_out``."""
     explained = outcome.verdict != "unexplained"
     cells = excess(outcome)
