@@ -126,11 +126,6 @@ def converter_step(signal: np.ndarray) -> float:
     return 2.0 * band if band > 1.5 * step else step
 
 
-def least_step(signal: np.ndarray) -> float:
-    """The same, or a share of the signal by which it is judged at least: without any noise recordings are simulated."""
-    return max(converter_step(signal), math.sqrt(12.0) * RESOLUTION * float(np.std(signal)))
-
-
 def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[float, float, float]:
     """Frequency in rad/s, phase in rad at the first sample and amplitude of a sine in a signal.
 
@@ -338,10 +333,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     rate = recording.sample_rate
     omega, phase, amplitude = fit_excitation(excitation, rate, setting.frequency)
     angle = phase + omega * np.arange(force.size) / rate
-    noise, acceleration_noise = (
-        max(white_noise(each), converter_step(each) / math.sqrt(12.0), 1e-6) for each in (force, acceleration)
-    )
-    steps = least_step(force), least_step(acceleration)
+    (noise, least_noise), (acceleration_noise, least_acceleration_noise) = map(noise_seen, (force, acceleration))
     now = acceleration
     if late != 0.0:
         samples = np.arange(force.size)
@@ -362,11 +354,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
             f"{recording.name}: {len(starts) - 1} stretches begin off the rock: record for longer, with less pressure"
         )
     states = np.array([_state_at(int(s), touches, resting, now, rate, y, closing, noise) for s in starts[:-1]])
-    static = rig.static_force(setting)
-    states[:, 0] = rig.stiffness * states[:, 0] + ADDED * (states[:, 0] - static / rig.stiffness)
-    states[:, 1] = rig.damping * (states[:, 1] - states[:, 2])
-    if fresh:
-        states[0] = static, 0.0, 0.0, 0.0
+    states = as_unknowns(states, rig, setting, fresh)
     factor = next(each for each in (4, 2, 1) if rate / each >= ENOUGH or each == 1)
     # white noise and rounding lose as much as is averaged
     less = 1.0 / math.sqrt(factor)
@@ -380,13 +368,32 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         omega,
         phase,
         amplitude,
-        less * max(noise, steps[0] / math.sqrt(12.0)),
-        less * max(acceleration_noise, steps[1] / math.sqrt(12.0)),
+        less * max(noise, least_noise),
+        less * max(acceleration_noise, least_acceleration_noise),
         starts // factor,
         states,
         factor,
-        (less * steps[0], less * steps[1]),
+        (less * math.sqrt(12.0) * least_noise, less * math.sqrt(12.0) * least_acceleration_noise),
     )
+
+
+def noise_seen(signal: np.ndarray) -> tuple[float, float]:
+    """Standard deviations of the noise that is seen on a signal (n,), and of the least by which it is judged.
+
+    What rounding leaves is white noise of its step over the root of 12. Without any noise recordings are simulated.
+    """
+    rounding = converter_step(signal) / math.sqrt(12.0)
+    return max(white_noise(signal), rounding, 1e-6), max(rounding, RESOLUTION * float(np.std(signal)))
+
+
+def as_unknowns(read: np.ndarray, rig: Rig, setting: Setting, fresh: bool) -> np.ndarray:
+    """States (windows, 4) as read (y, x1', x2', depth) as the unknowns of windows: see :class:`Conditioned`."""
+    static, states = rig.static_force(setting), read.copy()
+    states[:, 0] = rig.stiffness * read[:, 0] + ADDED * (read[:, 0] - static / rig.stiffness)
+    states[:, 1] = rig.damping * (read[:, 1] - read[:, 2])
+    if fresh:
+        states[0] = static, 0.0, 0.0, 0.0
+    return states
 
 
 @lru_cache(maxsize=8)

@@ -424,7 +424,7 @@ def remarks(outcome: Outcome) -> list[str]:
         if std > SILENT * each.width
     ]
     said = noise_floors(outcome)
-    lost = sorted({each.block.scene.name for each in (*outcome.proof[0], *outcome.every) if not is_followed(each)})
+    lost = sorted({each.block.scene.name for each in (*outcome.proof.before, *outcome.every) if not is_followed(each)})
     if lost:
         said.append(f"No states were found with which a model follows {', '.join(lost)}: nothing is claimed of them.")
     if silent:

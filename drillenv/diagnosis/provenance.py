@@ -10,7 +10,6 @@ from drillenv.recordings import Campaign
 from drillenv.recordings.document import DOCUMENT
 
 FORMAT = "drillenv-report/1"
-CHUNK = 2**20
 
 
 def provenance(campaign: Campaign) -> dict[str, Any]:
@@ -23,9 +22,6 @@ def provenance(campaign: Campaign) -> dict[str, Any]:
     for name in names:
         file = campaign.folder / name
         if file.is_file():
-            digest = hashlib.sha256()
             with file.open("rb") as stream:
-                while chunk := stream.read(CHUNK):
-                    digest.update(chunk)
-            inputs[name] = digest.hexdigest()
+                inputs[name] = hashlib.file_digest(stream, "sha256").hexdigest()
     return {"format": FORMAT, "tool": {"name": "drillenv", "version": drillenv.__version__}, "inputs": inputs}

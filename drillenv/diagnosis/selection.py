@@ -461,8 +461,12 @@ def least_gain(score: Score, fitted: Fitted, steps: Sequence[Step], scores: Sequ
     others = [step for step in steps if step.family.group != score.family.group]
     own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
     left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
-    resolved = 0.0 if score.family.constant else fitted.resolved
-    return max(least, errors_of_laws(fitted, others, scores), left, resolved)
+    return max(least, errors_of_laws(fitted, others, scores), left, resolved_gain(score.family, fitted))
+
+
+def resolved_gain(family: Family, fitted: Fitted) -> float:
+    """Log-likelihood below which sensors do not resolve a mechanism; a constant is the lab's to state."""
+    return 0.0 if family.constant else fitted.resolved
 
 
 def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
@@ -528,8 +532,7 @@ def best_step(
         fits += followed(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]
-    resolved = 0.0 if best.family.constant else fitted.resolved
-    if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.freedom), resolved):
+    if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.freedom), resolved_gain(best.family, fitted)):
         return None
     step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
@@ -666,8 +669,9 @@ def backward(
             break
         rest, begun = without(fitted, step.terms, step.family.constant)
         other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
-        needed = max(0.5 * chi2.isf(level, step.freedom), least, penalty(step.freedom, fitted))
-        if other.cost - fitted.cost < max(needed, 0.0 if step.family.constant else fitted.resolved):
+        by_chance = 0.5 * chi2.isf(level, step.freedom)
+        needed = max(by_chance, least, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
+        if other.cost - fitted.cost < needed:
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)
             fitted = other

@@ -90,7 +90,8 @@ class Outcome:
     def held_out(self) -> tuple[list[Settled], list[Settled]]:
         """Recordings that no fit has seen, before and after."""
         seen = {each.name for each in self.fit_data}
-        before, after = ([each for each in side if each.block.scene.name not in seen] for side in self.proof[:2])
+        sides = self.proof.before, self.proof.after
+        before, after = ([each for each in side if each.block.scene.name not in seen] for side in sides)
         return before, after
 
     @property
@@ -186,7 +187,9 @@ def proved(
         of, data, after = "recordings held out", held_data, evaluated(held_data, final, pool)
     elif len(fit_data) > 1:
         of, data = "each recording, by a fit to the others", fit_data
-        after = [each for i in range(len(data)) for each in evaluated([data[i]], without(data, final, i, pool), pool)]
+        after = [
+            each for i in range(len(data)) for each in evaluated([data[i]], fitted_without(data, final, i, pool), pool)
+        ]
     else:
         return Proof([], [], "the one recording that was fitted, since no other says whether it holds")
     if plain is final:
@@ -196,7 +199,7 @@ def proved(
     return Proof(evaluated(data, plain, pool, noise), after, of)
 
 
-def without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Executor) -> Fitted:
+def fitted_without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Executor) -> Fitted:
     """The model fitted to all recordings but one."""
     others = [j for j in range(len(data)) if j != i]
     own = [fitted.fit.own[j] for j in others]

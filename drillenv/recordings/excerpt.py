@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drillenv.recordings.campaign import Campaign, Recording
-from drillenv.recordings.sound_parts import part_of
+from drillenv.recordings.sound_parts import cut
 
 ENOUGH, LEAST = 768, 96
 """Excitation periods of a campaign that tell its mechanisms apart, and of one recording: the noise of the sensors is
@@ -28,7 +28,7 @@ def excerpts(campaign: Campaign) -> tuple[Campaign, list[str]]:
         if stop - start == recording.size:
             kept.append(recording)
             continue
-        kept.append(replace(part_of(recording, start, stop), name=recording.name, starts=recording.starts))
+        kept.append(cut(recording, start, stop))
         begin, end = start / recording.sample_rate, stop / recording.sample_rate
         said.append(f"{recording.name}: used are {begin:.4g} to {end:.4g} s of {recording.seconds:.4g} s.")
     return replace(campaign, recordings=tuple(kept)), said

@@ -36,14 +36,13 @@ def sound_parts(campaign: Campaign, faults: Sequence[QualityFinding]) -> tuple[C
     return replace(campaign, recordings=tuple(kept)), said
 
 
-def part_of(recording: Recording, start: int, stop: int) -> Recording:
-    """Samples from ``start`` up to ``stop`` as the recording of a running rig."""
+def cut(recording: Recording, start: int, stop: int) -> Recording:
+    """Samples from ``start`` up to ``stop``, all else as it was."""
     channels = {
         name: replace(channel, samples=channel.samples[start:stop]) for name, channel in recording.channels.items()
     }
-    name = f"{recording.name} from {start / recording.sample_rate:.4g} s"
     clock = None if recording.clock is None else recording.clock[start:stop]
-    return replace(recording, name=name, channels=channels, starts="running", clock=clock)
+    return replace(recording, channels=channels, clock=clock)
 
 
 def _takes_all(fault: QualityFinding) -> bool:
@@ -78,10 +77,13 @@ def _without_stretches(recording: Recording, faults: Sequence[QualityFinding]) -
     kinds = ", ".join(sorted({each.kind for each in cuts}))
     if not spans:
         return [], [f"{recording.name} is left out: no stretch between its faults is long enough ({kinds})."]
-    parts = [part_of(recording, start, stop) for start, stop in spans]
+    parts = [cut(recording, start, stop) for start, stop in spans]
     # before the excitation sets in, a rig stands as it does when a recording from rest begins
     waits = any(each.channel == "excitation" and each.start == 0.0 for each in cuts)
-    begins = spans[0][0] == 0 or waits
-    parts[0] = replace(parts[0], name=recording.name, starts=recording.starts if begins else "running")
+    if not (spans[0][0] == 0 or waits):
+        parts[0] = replace(parts[0], starts="running")
+    for i in range(1, len(parts)):
+        name = f"{recording.name} from {spans[i][0] / rate:.4g} s"
+        parts[i] = replace(parts[i], name=name, starts="running")
     used = " and ".join(f"{start / rate:.4g} to {stop / rate:.4g} s" for start, stop in spans)
     return parts, [f"{recording.name}: used are {used} ({kinds})."]
