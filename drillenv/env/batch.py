@@ -19,6 +19,7 @@ from drillenv.compiling import announce
 from drillenv.dynamics.exact import THETA, TURN, TURNS, make_scratch
 from drillenv.dynamics.flow import KERNEL
 from drillenv.env import plant
+from drillenv.env.core import info_of, infos_of
 from drillenv.env.episodes import START, Episode
 from drillenv.env.observation import SIZE, observe
 from drillenv.env.plant import (
@@ -102,6 +103,7 @@ class Batch:
         readings: (n, SIZE) float32, what its sensors say of it.
         rewards: (n,) in mm/s.
         windows: (n, samples, channels of plant.TRACE) where the task asks for windows, else (n, 0, channels).
+        terminated: (n,) bool, whether the task of each rig has ended.
     """
 
     def __init__(self, task: Task, n: int, samples: int, threads: int):
@@ -113,6 +115,7 @@ class Batch:
         self.readings = np.zeros((n, SIZE), dtype=np.float32)
         self.rewards = np.zeros(n)
         self.windows = np.zeros((n, samples, len(TRACE)))
+        self.terminated = np.zeros(n, dtype=bool)
         self.weights = task.reward.as_array()
         self.hybrid: list[Any] = [None] * n
         self.threads = min(threads, -(-n // CHUNK))
@@ -125,8 +128,14 @@ class Batch:
         self._pool_of = 0
         """The process that the threads belong to."""
 
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """The arrays that change while the rigs drill, rig by rig along the first axis."""
+        return self.plants
+
     def load(self, i: int, episode: Episode) -> None:
         """Put rig i at the start of an episode, at rest on fresh rock."""
+        self.terminated[i] = False
         plants = self.plants
         plants.rigs[i] = episode.rig
         plants.layers[i, : len(episode.layers)] = episode.layers
@@ -154,18 +163,30 @@ class Batch:
             which = self._step_hybrid(which, actions, increment, noise)
             if not which.any():
                 return
-        arguments = (which, actions, increment, self.weights, noise, self.task.noise)
-        results = (self.truths, self.readings, self.rewards, self.windows)
         if self.threads <= 1:
-            step_rigs(self.plants, 0, self.n, *arguments, *results)
+            self._step_rigs(0, self.n, which, actions, increment, noise)
             return
         pool = self._threads()
         work = [
-            pool.submit(step_rigs, self.plants, first, min(first + CHUNK, self.n), *arguments, *results)
+            pool.submit(self._step_rigs, first, min(first + CHUNK, self.n), which, actions, increment, noise)
             for first in range(0, self.n, CHUNK)
         ]
         for part in work:
             part.result()
+
+    def _step_rigs(self, first: int, last: int, which, actions, increment: bool, noise) -> None:
+        """One interval of the rigs ``first`` to ``last`` of those marked."""
+        results = (self.truths, self.readings, self.rewards, self.windows)
+        weights, strength = self.weights, self.task.noise
+        step_rigs(self.plants, first, last, which, actions, increment, weights, noise, strength, *results)
+
+    def info(self, i: int) -> dict[str, Any]:
+        """The truth about the last interval of rig i."""
+        return info_of(self.truths[i], self.rewards[i], self.weights)
+
+    def infos(self, which: np.ndarray) -> dict[str, Any]:
+        """As ``info`` for the rigs marked in ``which`` (n,), in Gymnasium's form."""
+        return infos_of(self.truths, self.rewards, self.weights, which)
 
     def _threads(self) -> ThreadPoolExecutor:
         if self._pool is None or self._pool_of != os.getpid():
@@ -205,7 +226,7 @@ class Batch:
         """Everything needed to go on exactly from here."""
         engine = self.hybrid[i]
         return Snapshot(
-            tuple(part[i].copy() for part in self.plants),
+            tuple(part[i].copy() for part in self.parts),
             self.truths[i].copy(),
             self.readings[i].copy(),
             float(self.rewards[i]),
@@ -214,7 +235,7 @@ class Batch:
 
     def restore(self, i: int, snapshot: Snapshot) -> None:
         """Put rig i where the snapshot was taken."""
-        for part, kept in zip(self.plants, snapshot.arrays, strict=True):
+        for part, kept in zip(self.parts, snapshot.arrays, strict=True):
             part[i] = kept
         self.truths[i], self.readings[i] = snapshot.truth, snapshot.seen
         self.rewards[i] = snapshot.reward

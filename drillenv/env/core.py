@@ -10,8 +10,6 @@ from drillenv.checks import InputError, shown
 from drillenv.env import observation as table
 from drillenv.env.truth import T_DRIVE, T_EXCESS, T_LABEL, T_PERIOD, TRUTH
 
-REST = np.array([0.0, 0.0, -1.0], dtype=np.float32)
-"""The action that asks for :data:`drillenv.env.episodes.START`, in absolute terms."""
 TERMS = ("penetration_reward", "force_reward", "energy_reward")
 """The terms of the reward in mm/s, as they add up."""
 _NAMES: dict[tuple[float, float], str] = {}

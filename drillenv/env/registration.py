@@ -8,6 +8,10 @@ STEPS = {"Drill": 80, "DrillLayers": 240, "DrillHidden": 240}
 """Steps of an episode: 20 s on one rock, 60 s through layers."""
 KINDS = {"Drill": "rock", "DrillLayers": "layers", "DrillHidden": "hidden"}
 IDS = tuple(f"drillenv/{name}-v0" for name in KINDS)
+HOLES = {"DrillBit": {}, "DrillBitShort": {"depth": 1.0, "lost_bit_ends": True}}
+"""The environments that drill a hole, with their arguments."""
+HOLE_STEPS = {"DrillBit": 600, "DrillBitShort": 150}
+HOLE_IDS = tuple(f"drillenv/{name}-v0" for name in HOLES)
 
 
 def register_environments() -> None:
@@ -21,4 +25,14 @@ def register_environments() -> None:
                 vector_entry_point="drillenv.env.vector:DrillVectorEnv",
                 max_episode_steps=STEPS[name],
                 kwargs={"kind": kind},
+            )
+    for name, arguments in HOLES.items():
+        identity = f"drillenv/{name}-v0"
+        if identity not in registry:
+            register(
+                id=identity,
+                entry_point="drillenv.env.hole.envs:DrillBitEnv",
+                vector_entry_point="drillenv.env.hole.envs:DrillBitVectorEnv",
+                max_episode_steps=HOLE_STEPS[name],
+                kwargs=arguments,
             )

@@ -11,8 +11,8 @@ import numpy as np
 
 from drillenv.checks import InputError, shown
 from drillenv.env import observation as table
-from drillenv.env.batch import Batch, Snapshot, trace_of
-from drillenv.env.core import REST, checked_actions, info_of, window_observation
+from drillenv.env.batch import Snapshot, trace_of
+from drillenv.env.core import checked_actions, window_observation
 from drillenv.env.plant import INTERVAL
 from drillenv.env.task import Task
 from drillenv.env.truth import T_AMPLITUDE, T_FREQUENCY, T_VALVE
@@ -159,12 +159,16 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
     ):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError(f"render_mode is {shown(render_mode)}: give one of human, rgb_array, or None")
+        self._set_up(Task(kind, rock, scenario, model, reward, actions, observations, noise), render_mode)
+
+    def _set_up(self, task: Task, render_mode: str | None) -> None:
+        """Build the one rig of a task."""
         self.render_mode = render_mode
-        self.task = Task(kind, rock, scenario, model, reward, actions, observations, noise)
-        self.action_space = self.task.action_space
-        self.observation_space = self.task.observation_space
-        self._batch = Batch(self.task, 1, table.WINDOW_SAMPLES if self.task.window else 0, threads=1)
-        self._noise = np.zeros((1, table.SIZE))
+        self.task = task
+        self.action_space = task.action_space
+        self.observation_space = task.observation_space
+        self._batch = task.batch(1, threads=1)
+        self._noise = np.zeros((1, self._batch.readings.shape[1]))
         self._before: Snapshot | None = None
         self._started = False
         self._renderer: Any = None
@@ -189,7 +193,7 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
         episode = self.task.episode(self.np_random, chosen)
         self._batch.load(0, episode)
         self._started = True
-        observation, info = self._advance(REST, absolute=True)
+        observation, info = self._advance(self.task.rest, absolute=True)
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -209,11 +213,11 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         if not self._started:
             raise gym.error.ResetNeeded("step was called before reset: call reset first")
-        checked = checked_actions(action, (3,))
+        checked = checked_actions(action, self.task.rest.shape)
         observation, info = self._advance(checked, absolute=False)
         if self.render_mode == "human":
             self.render()
-        return observation, float(self._batch.rewards[0]), False, False, info
+        return observation, float(self._batch.rewards[0]), bool(self._batch.terminated[0]), False, info
 
     def _advance(self, action: np.ndarray, absolute: bool) -> tuple[np.ndarray, dict[str, Any]]:
         """One interval, its observation and info."""
@@ -228,7 +232,7 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
             observation = window_observation(batch.windows[0], noise, task.noise)
         else:
             observation = batch.readings[0].copy()
-        return observation, info_of(batch.truths[0], batch.rewards[0], batch.weights)
+        return observation, batch.info(0)
 
     def get_state(self) -> EnvState:
         """The present point of the episode, exactly: rig, rock, phase, pressure, and the generator of the noise.

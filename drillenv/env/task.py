@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -29,6 +29,9 @@ from drillenv.env.scenarios import Scenario, read_scenario
 from drillenv.rig import AMPLITUDE_RANGE, FREQUENCY_RANGE, PRESSURE_RANGE
 from drillenv.rocks import ROCKS, Rock
 from drillenv.rocks import rock as rock_meant
+
+if TYPE_CHECKING:
+    from drillenv.env.batch import Batch
 
 KINDS = ("rock", "layers", "hidden")
 ACTIONS = ("absolute", "increment")
@@ -83,9 +86,7 @@ class Task:
         if scenario is not None:
             if self.rock is not None or model is not None:
                 raise InputError("scenario fixes rocks and rig: leave rock and model out with it")
-            self.scenario = read_scenario(scenario)
-            if not self.scenario.episodes[self.kind]:
-                raise InputError(f"scenario {shown(scenario)} has no episodes of the kind {self.kind}: take another")
+            self.scenario = read_scenario(scenario, self.kind)
         moving = self.corrected.on_motion
         self.reward: Reward = read_reward(reward)
         self.increment = choice("actions", actions, ACTIONS) == "increment"
@@ -93,6 +94,15 @@ class Task:
         self.noise = number("noise", noise, 0.0, 100.0)
         self.rig = rig_array(self.corrected.rig)
         self.effects = {chosen.effect.name: chosen.given for chosen in moving}
+
+    rest = np.array([0.0, 0.0, -1.0], dtype=np.float32)
+    """The action that asks for :data:`drillenv.env.episodes.START`, in absolute terms."""
+
+    def batch(self, n: int, threads: int) -> Batch:
+        """n rigs of this task."""
+        from drillenv.env.batch import Batch
+
+        return Batch(self, n, table.WINDOW_SAMPLES if self.window else 0, threads)
 
     @property
     def action_space(self) -> Box:

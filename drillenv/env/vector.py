@@ -14,8 +14,7 @@ from gymnasium.vector.utils import batch_space
 from drillenv.checks import InputError, count, shown
 from drillenv.dynamics.survey import allowed_cores
 from drillenv.env import observation as table
-from drillenv.env.batch import Batch
-from drillenv.env.core import REST, checked_actions, infos_of, window_observation
+from drillenv.env.core import checked_actions, window_observation
 from drillenv.env.scalar import EnvState
 from drillenv.env.task import Task
 
@@ -63,20 +62,22 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(f"autoreset_mode is {shown(autoreset_mode)}: give one of {modes}") from None
         self.metadata = type(self).metadata | {"autoreset_mode": self.autoreset_mode}
         self.max_episode_steps = max_episode_steps
-        arguments: dict[str, Any] = {"kind": "layers", **task}
-        self.task = Task(**arguments)
+        self.task = self._task(task)
         self.single_action_space = self.task.action_space
         self.single_observation_space = self.task.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         workers = allowed_cores() if threads is None else count("threads", threads, 1, 1024)
-        self._batch = Batch(self.task, self.num_envs, table.WINDOW_SAMPLES if self.task.window else 0, workers)
+        self._batch = self.task.batch(self.num_envs, workers)
         self._generators: list[np.random.Generator] = []
-        self._noise = np.zeros((self.num_envs, table.SIZE))
+        self._noise = np.zeros((self.num_envs, self._batch.readings.shape[1]))
         self._observations = np.zeros((self.num_envs, *self.single_observation_space.shape), dtype=np.float32)
         self._elapsed = np.zeros(self.num_envs, dtype=np.int64)
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._done = np.zeros(self.num_envs, dtype=bool)
+
+    def _task(self, arguments: dict[str, Any]) -> Task:
+        return Task(**{"kind": "layers", **arguments})
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -119,7 +120,7 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Drill for one interval with every rig.
 
         Args:
-            actions: (n, 3), each number from -1 to 1.
+            actions: (n, 3), or (n, 4) of DrillBit, each number from -1 to 1.
 
         Returns:
             Observations (n, ...), rewards (n,) in mm/s, terminations (n,), truncations (n,) and infos.
@@ -130,11 +131,11 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._started.all():
             raise gym.error.ResetNeeded("step was called before reset: call reset first")
-        checked = checked_actions(actions, (self.num_envs, 3))
+        checked = checked_actions(actions, (self.num_envs, *self.task.rest.shape))
         mode = self.autoreset_mode
         if mode is AutoresetMode.DISABLED and self._done.any():
             raise gym.error.ResetNeeded(
-                f"{int(self._done.sum())} rigs are done: reset them with options={{'reset_mask': truncated}}"
+                f"{int(self._done.sum())} rigs are done: reset them with options={{'reset_mask': ...}}, a mask of them"
             )
         restart = self._done.copy() if mode is AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, dtype=bool)
         running = ~restart
@@ -143,15 +144,16 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if restart.any():
             self._restart(restart, [None] * self.num_envs)
         rewards = np.where(running, self._batch.rewards, 0.0)
-        terminations = np.zeros(self.num_envs, dtype=bool)
+        terminations = running & self._batch.terminated
         truncations = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             truncations = running & (self._elapsed >= self.max_episode_steps)
-        self._done = truncations.copy()
+        done = terminations | truncations
+        self._done = done.copy()
         final = {}
-        if mode is AutoresetMode.SAME_STEP and truncations.any():
-            final = self._final(truncations)
-            self._restart(truncations, [None] * self.num_envs)
+        if mode is AutoresetMode.SAME_STEP and done.any():
+            final = self._final(done)
+            self._restart(done, [None] * self.num_envs)
             self._done[:] = False
         everything = np.ones(self.num_envs, dtype=bool)
         return self._observations.copy(), rewards, terminations, truncations, self._infos(everything) | final
@@ -240,7 +242,7 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Draw episodes for the rigs marked, or take those chosen, and run their first interval."""
         for i in np.flatnonzero(which).tolist():
             self._batch.load(i, self.task.episode(self._generators[i], chosen[i]))
-        self._advance(which, np.broadcast_to(REST, (self.num_envs, 3)).copy(), absolute=True)
+        self._advance(which, np.tile(self.task.rest, (self.num_envs, 1)), absolute=True)
         self._elapsed[which], self._started[which], self._done[which] = 0, True, False
 
     def _advance(self, which: np.ndarray, actions: np.ndarray, absolute: bool) -> None:
@@ -263,7 +265,7 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._observations[which] = self._batch.readings[which]
 
     def _infos(self, which: np.ndarray) -> dict[str, Any]:
-        return infos_of(self._batch.truths, self._batch.rewards, self._batch.weights, which)
+        return self._batch.infos(which)
 
     def _final(self, which: np.ndarray) -> dict[str, Any]:
         """The last observation and info of the rigs marked."""

@@ -3,7 +3,8 @@
     {"format": "drillenv-scenario/1", "name": "test", "version": 1,
      "episodes": {"rock": [...], "layers": [...], "hidden": [...]}}
 
-An episode is what :func:`drillenv.env.episodes.read_episode` reads. ``python -m drillenv.env.scenarios`` draws them
+An episode is what :func:`drillenv.env.episodes.read_episode` reads; those of the kind "hole", in files of their own,
+are what :func:`drillenv.env.hole.episodes.read_hole` reads. ``python -m drillenv.env.scenarios`` draws them
 anew, each set from a seed of its own; a set that has been published is never changed, a new version is added instead.
 """
 
@@ -14,14 +15,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from drillenv.checks import InputError, shown
-from drillenv.env.episodes import Episode, read_episode
+from drillenv.env.episodes import read_episode
+from drillenv.env.hole.episodes import read_hole
 
 FORMAT = "drillenv-scenario/1"
 SETS = ("train", "validation", "test", "beyond")
 LARGEST_FILE = 100_000_000
 KINDS = ("rock", "layers", "hidden")
+"""The kinds of a frozen set; the kind "hole" has sets of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +34,32 @@ class Scenario:
 
     name: str
     version: int
-    episodes: Mapping[str, tuple[Episode, ...]]
+    episodes: Mapping[str, tuple[Any, ...]]
+    """An Episode each, or a Hole of the kind "hole"."""
 
 
-def read_scenario(which: str | Path) -> Scenario:
+def read_scenario(which: str | Path, kind: str | None = None) -> Scenario:
     """A frozen set by its name, or one of one's own from a file.
 
+    Args:
+        which: The name or the file.
+        kind: Of the episodes that are needed; left out, any but holes.
+
     Raises:
-        InputError: no such set or file, or its content is not what the head of this module describes.
+        InputError: no such set or file, its content is not what the head of this module describes, or it has no
+            episodes of the kind.
     """
+    scenario = _scenario(which, "-hole" if kind == "hole" else "")
+    if kind is not None and not scenario.episodes[kind]:
+        raise InputError(f"scenario {shown(str(which))} has no episodes of the kind {kind}: take another")
+    return scenario
+
+
+def _scenario(which: str | Path, suffix: str) -> Scenario:
     if not isinstance(which, str | Path):
         raise InputError(f"scenario is {shown(which)}: give one of {', '.join(SETS)}, or the path of a file")
-    if str(which) in SETS:
-        return _frozen(str(which))
+    if str(which) in SETS and (not suffix or str(which) != "beyond"):
+        return _frozen(f"{which}{suffix}")
     file = Path(which)
     if not file.is_file():
         raise InputError(f"scenario is {shown(str(which))}: give one of {', '.join(SETS)}, or the path of a file")
@@ -72,11 +89,10 @@ def _read(file: Path) -> Scenario:
         raise InputError(f"scenario {file} has the keys {shown(sorted(record))}: give format, name, version, episodes")
     if not isinstance(record["name"], str) or type(record["version"]) is not int:
         raise InputError(f"scenario {file}: name is a text and version a whole number, give them so")
-    episodes: dict[str, tuple[Episode, ...]] = {}
+    episodes: dict[str, tuple[Any, ...]] = {}
     for kind, records in record["episodes"].items():
-        if kind not in KINDS or not isinstance(records, list):
-            raise InputError(f"scenario {file} has the kind {shown(kind)}: give lists for {', '.join(KINDS)}")
-        episodes[kind] = tuple(
-            read_episode(each, f"scenario {file.name}, {kind} {i}") for i, each in enumerate(records)
-        )
-    return Scenario(record["name"], record["version"], {kind: episodes.get(kind, ()) for kind in KINDS})
+        if kind not in (*KINDS, "hole") or not isinstance(records, list):
+            raise InputError(f"scenario {file} has the kind {shown(kind)}: give lists for {', '.join(KINDS)} or hole")
+        read = read_hole if kind == "hole" else read_episode
+        episodes[kind] = tuple(read(each, f"scenario {file.name}, {kind} {i}") for i, each in enumerate(records))
+    return Scenario(record["name"], record["version"], {kind: episodes.get(kind, ()) for kind in (*KINDS, "hole")})

@@ -19,6 +19,7 @@ from drillenv.env.episodes import (
     draw_rocks,
     rig_array,
 )
+from drillenv.env.hole.episodes import DEPTH, draw_hole
 from drillenv.env.scenarios import FORMAT, KINDS, SETS
 from drillenv.files import whole
 from drillenv.rig import Rig
@@ -27,6 +28,7 @@ from drillenv.rocks import ROCKS
 VERSION = 1
 SIZES = {"train": 200, "validation": 30, "test": 60, "beyond": 60}
 SEEDS = {"train": 20_260_101, "validation": 20_260_202, "test": 20_260_303, "beyond": 20_260_404}
+HOLE_SEEDS = {"train": 20_261_101, "validation": 20_261_202, "test": 20_261_303}
 
 
 def draw_set(name: str) -> dict[str, object]:
@@ -56,6 +58,13 @@ def draw_set(name: str) -> dict[str, object]:
     return {"format": FORMAT, "name": name, "version": VERSION, "episodes": episodes}
 
 
+def draw_holes(name: str) -> dict[str, object]:
+    """The record of one set of holes."""
+    rng = np.random.default_rng(HOLE_SEEDS[name])
+    holes = [draw_hole(DEPTH, rng).as_record() for _ in range(SIZES[name])]
+    return {"format": FORMAT, "name": name, "version": VERSION, "episodes": {"hole": holes}}
+
+
 def text_of(record: dict[str, object]) -> str:
     """JSON with one episode a line."""
     episodes = record["episodes"]
@@ -74,3 +83,7 @@ if __name__ == "__main__":
         with whole(folder / f"{name}.json") as part:
             part.write_text(text_of(draw_set(name)), encoding="utf-8")
         sys.stdout.write(f"{folder / name}.json\n")
+    for name in HOLE_SEEDS:
+        with whole(folder / f"{name}-hole.json") as part:
+            part.write_text(text_of(draw_holes(name)), encoding="utf-8")
+        sys.stdout.write(f"{folder / name}-hole.json\n")

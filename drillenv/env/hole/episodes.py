@@ -1,0 +1,121 @@
+"""A hole before it is drilled: its layers, the rig's frame, the strengths of the bits, and how they are drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drillenv.checks import InputError, number, shown
+from drillenv.env.episodes import draw_rocks
+from drillenv.env.hole.bit import ABRASIVITY_RANGE, draw_strengths
+from drillenv.env.hole.shaker import RESONANCE_RANGE
+from drillenv.rocks import ROCKS, STIFFNESS_LIMITS
+
+DEPTH, SHORT_DEPTH = 4.0, 1.0
+"""Depth of a hole in m, and of one of the short variant."""
+DEEPEST = 100.0
+THICKNESS_RANGE = (0.3, 1.2)
+"""Thickness of a layer in m."""
+MOST_LAYERS = 64
+MOST_BITS = 64
+"""Strengths that an episode keeps; the bits after these begin with the first again."""
+KEYS = ("depth", "layers", "resonance", "strengths", "phase")
+LAYER_KL, LAYER_KU, LAYER_END, LAYER_ABRASIVITY = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """What an episode is made of. Nothing in it is random any more, but for the noise of the sensors.
+
+    Args:
+        depth: To be reached, in m.
+        layers: (m, 4) loading and unloading stiffness under a sharp bit in N/m, depth of the lower end in m (inf for
+            the last), and abrasivity.
+        resonance: Of the frame, in Hz.
+        strengths: (MOST_BITS,) wear at which each bit breaks.
+        phase: Of the excitation at the start, in rad.
+    """
+
+    depth: float
+    layers: np.ndarray
+    resonance: float
+    strengths: np.ndarray
+    phase: float
+
+    def as_record(self) -> dict[str, Any]:
+        """The hole as JSON takes it: stiffnesses in MN/m, thicknesses in m."""
+        tops = np.concatenate([[0.0], self.layers[:-1, LAYER_END]])
+        thickness = self.layers[:, LAYER_END] - tops
+        return {
+            "depth": round(self.depth, 4),
+            "layers": [
+                [round(kl / 1e6, 4), round(ku / 1e6, 4), round(m, 4) if math.isfinite(m) else None, round(abrasive, 4)]
+                for (kl, ku, _end, abrasive), m in zip(self.layers.tolist(), thickness.tolist(), strict=True)
+            ],
+            "resonance": round(self.resonance, 3),
+            "strengths": [round(each, 4) for each in self.strengths.tolist()],
+            "phase": round(self.phase, 4),
+        }
+
+
+def draw_hole(depth: float, rng: np.random.Generator) -> Hole:
+    """A hole of a depth in m: neighbouring layers are of different cases of Table 2.2, with its measured spread."""
+    ends = np.cumsum(rng.uniform(*THICKNESS_RANGE, MOST_LAYERS))
+    m = min(int(np.searchsorted(ends, depth)) + 1, MOST_LAYERS)
+    ends = ends[:m]
+    ends[-1] = math.inf
+    cases = (rng.integers(0, len(ROCKS)) + np.cumsum(rng.integers(1, len(ROCKS), m))) % len(ROCKS) + 1
+    abrasivity = np.exp(rng.uniform(math.log(ABRASIVITY_RANGE[0]), math.log(ABRASIVITY_RANGE[1]), m))
+    return Hole(
+        depth=depth,
+        layers=np.column_stack([draw_rocks(cases, rng), ends, abrasivity]),
+        resonance=float(rng.uniform(*RESONANCE_RANGE)),
+        strengths=draw_strengths(MOST_BITS, rng),
+        phase=float(rng.uniform(0.0, 2 * math.pi)),
+    )
+
+
+def read_hole(record: object, where: str) -> Hole:
+    """The hole of a record as :meth:`Hole.as_record` makes it; ``where`` names it in messages.
+
+    Raises:
+        InputError: a key is missing or unknown, or a value is of the wrong kind or out of range.
+    """
+    if not isinstance(record, Mapping) or set(record) != set(KEYS):
+        raise InputError(f"{where} is {shown(record)}: give a record with {', '.join(KEYS)}")
+    strengths = record["strengths"]
+    if not isinstance(strengths, list) or len(strengths) != MOST_BITS:
+        raise InputError(f"{where}: strengths is {shown(strengths)}: give a list of {MOST_BITS} numbers")
+    return Hole(
+        depth=number(f"{where} depth", record["depth"], 0.05, DEEPEST, "m"),
+        layers=_read_layers(record["layers"], where),
+        resonance=number(f"{where} resonance", record["resonance"], 1.0, 1e3, "Hz"),
+        strengths=np.array([number(f"{where} strength", each, 1e-3, 1e3) for each in strengths]),
+        phase=number(f"{where} phase", record["phase"], 0.0, 2 * math.pi, "rad") % (2 * math.pi),
+    )
+
+
+def _read_layers(rows: object, where: str) -> np.ndarray:
+    """(m, 4) the layers of a record."""
+    if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_LAYERS:
+        raise InputError(f"{where}: layers is {shown(rows)}: give a list of 1 to {MOST_LAYERS} layers")
+    layers, end = np.empty((len(rows), 4)), 0.0
+    for j, row in enumerate(rows):
+        name = f"{where}, layer {j}"
+        if not isinstance(row, list) or len(row) != 4:
+            raise InputError(f"{name} is {shown(row)}: give [k_l in MN/m, k_u in MN/m, thickness in m, abrasivity]")
+        low, high = STIFFNESS_LIMITS
+        kl = number(f"{name} k_l", row[0], low / 1e6, high / 1e6, "MN/m") * 1e6
+        ku = number(f"{name} k_u", row[1], kl / 1e6, high / 1e6, "MN/m") * 1e6
+        if j == len(rows) - 1:
+            if row[2] is not None:
+                raise InputError(f"{name} has a thickness of {shown(row[2])}: the last layer has none, give null")
+            end = math.inf
+        else:
+            end += number(f"{name} thickness", row[2], 1e-3, 1e3, "m")
+        layers[j] = kl, ku, end, number(f"{name} abrasivity", row[3], 0.0, 100.0)
+    return layers
