@@ -63,7 +63,7 @@ def run_both(identity, n, mode, steps, seed=11, **arguments):
     identical_steps(ours.reset(seed=seed), theirs.reset(seed=seed))
     ended = 0
     for _step in range(steps):
-        actions = rng.uniform(-1, 1, (n, 3)).astype(np.float32)
+        actions = rng.uniform(-1, 1, ours.action_space.shape).astype(np.float32)
         got = ours.step(actions)
         identical_steps(got, theirs.step(actions))
         done = got[2] | got[3]
@@ -89,6 +89,14 @@ def run_both(identity, n, mode, steps, seed=11, **arguments):
 @pytest.mark.parametrize("identity", [IDS[0], IDS[1]])
 def test_vector_is_scalar_over_a_thousand_steps(identity, mode):
     assert run_both(identity, 3, mode, 1000, max_episode_steps=29) > 80
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    "arguments", [{}, {"depth": 0.1}, {"depth": 1.0, "lost_bit_ends": True, "actions": "increment"}]
+)
+def test_vector_is_scalar_where_a_hole_is_drilled(arguments, mode):
+    assert run_both("drillenv/DrillBit-v0", 3, mode, 300, max_episode_steps=29, **arguments) > 20
 
 
 @pytest.mark.parametrize("mode", MODES)

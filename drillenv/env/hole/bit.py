@@ -37,7 +37,7 @@ from drillenv.dynamics.flow import INLINE
 from drillenv.env.plant import INTERVAL
 from drillenv.env.truth import SEEN
 
-LIFE = 150_000.0
+LIFE = 300_000.0
 """Blows, were each to wear the bit by what a blow at the rating does on rock of abrasivity 1, cold."""
 FATIGUE, FATIGUE_EXPONENT = 0.3, 8
 EDGE_POWER = 100.0

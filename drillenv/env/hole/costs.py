@@ -39,7 +39,7 @@ class Costs:
     fishing_time: float = 1800.0
     energy: float = 0.3
     compressor: float = 4000.0
-    metre: float = 400.0
+    metre: float = 600.0
 
     def __post_init__(self) -> None:
         limits = {

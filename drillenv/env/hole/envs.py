@@ -48,8 +48,8 @@ class DrillBitEnv(DrillEnv):
 
     ## Reward
 
-    In EUR: 400 for each metre drilled in the step, less what the step cost: rig and crew (180 an hour, drilling or
-    standing), bits (80, the first with the first step) and energy. The sum over an episode is 400 times the depth less
+    In EUR: 600 for each metre drilled in the step, less what the step cost: rig and crew (180 an hour, drilling or
+    standing), bits (80, the first with the first step) and energy. The sum over an episode is 600 times the depth less
     the cost, so that most reward is least cost per metre; `info["cost_per_metre"]` is the score. `costs=` takes other
     prices and durations, see :class:`drillenv.env.hole.costs.Costs`.
 
@@ -81,7 +81,7 @@ class DrillBitEnv(DrillEnv):
     The truth, which a controller must not see: the names of :data:`drillenv.env.truth.TRUTH` but layer and depth, of
     the motion; those of :data:`drillenv.env.hole.readings.SHOWN`, of the hole (depths in m, time in s, money in EUR);
     `motion`; `cost`, the force above the rating in N; and `cost_per_metre` in EUR/m: what was spent so far over the
-    depth of the hole, with 400 EUR for each metre that is not drilled.
+    depth of the hole, with 600 EUR for each metre that is not drilled.
 
     ## Arguments
 

@@ -20,6 +20,9 @@ DEPTH, SHORT_DEPTH = 4.0, 1.0
 DEEPEST = 100.0
 THICKNESS_RANGE = (0.3, 1.2)
 """Thickness of a layer in m."""
+LEAST_HARDENING = 1.05
+"""Unloading over loading stiffness: a rock with less gives nearly all of a blow back, and nothing drills it. Drawn with
+the spread of Table 2.2, one to three in a hundred have less."""
 MOST_LAYERS = 64
 MOST_BITS = 64
 """Strengths that an episode keeps; the bits after these begin with the first again."""
@@ -72,11 +75,19 @@ def draw_hole(depth: float, rng: np.random.Generator) -> Hole:
     abrasivity = np.exp(rng.uniform(math.log(ABRASIVITY_RANGE[0]), math.log(ABRASIVITY_RANGE[1]), m))
     return Hole(
         depth=depth,
-        layers=np.column_stack([draw_rocks(cases, rng), ends, abrasivity]),
+        layers=np.column_stack([_drillable(cases, rng), ends, abrasivity]),
         resonance=float(rng.uniform(*RESONANCE_RANGE)),
         strengths=draw_strengths(MOST_BITS, rng),
         phase=float(rng.uniform(0.0, 2 * math.pi)),
     )
+
+
+def _drillable(cases: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(m, 2) stiffnesses of rocks of these cases, drawn again where they harden too little."""
+    rocks = draw_rocks(cases, rng)
+    while (soft := rocks[:, 1] < LEAST_HARDENING * rocks[:, 0]).any():
+        rocks[soft] = draw_rocks(cases[soft], rng)
+    return rocks
 
 
 def read_hole(record: object, where: str) -> Hole:
