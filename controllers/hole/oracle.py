@@ -41,6 +41,7 @@ class HoleOracle:
     Args:
         task: What is drilled for: costs and what is left out.
         settings: (n, 3) in Hz, V and bar, those to choose from; an even grid where left out.
+        changes: Whether it may change bits; else it drills with each until it breaks.
         tried: How many settings are tried on the plant, with the present bit and with a new one each.
     """
 
@@ -48,13 +49,20 @@ class HoleOracle:
     _plans = True
     _wear_price = 0.0
 
-    def __init__(self, task: HoleTask | None = None, settings: np.ndarray | None = None, tried: int = 16):
+    def __init__(
+        self,
+        task: HoleTask | None = None,
+        settings: np.ndarray | None = None,
+        changes: bool = True,
+        tried: int = 16,
+    ):
         self._task = task or HoleTask()
+        self._changes = changes
         self._settings = settings_grid() if settings is None else settings
         self._actions = np.array([np.append(action_for(*each), KEEP) for each in self._settings], dtype=np.float32)
         self._tried = min(count("tried", tried, 1, 1000), len(self._settings))
-        self._batch = HoleBatch(self._task, 2 * self._tried, threads=1)
-        self._silence = np.zeros((2 * self._tried, self._batch.readings.shape[1]))
+        self._batch = HoleBatch(self._task, (1 + changes) * self._tried, threads=1)
+        self._silence = np.zeros((self._batch.n, self._batch.readings.shape[1]))
         self._state: Callable[[], EnvState] | None = None
         self.reset()
 
@@ -92,16 +100,16 @@ class HoleOracle:
         if self._physics is None or bit - self._first >= BITS - 2:
             self._physics, self._first = physics_of(self._task, hole), bit
             if self._plans:
-                self._value = solve(self._physics, self._settings, bit)
+                self._value = solve(self._physics, self._settings, bit, self._changes)
         actions = self._shortlist(self._physics, now, bit)
         return actions[int(np.argmin(self._try(self._physics, present, actions)))]
 
     def _shortlist(self, ph: Physics, now: np.ndarray, bit: int) -> np.ndarray:
-        """(2 tried, 4) the actions that the plan likes best, with the present bit and with a new one."""
+        """(tried, 4) the actions that the plan likes best, and as many that change the bit, where that is allowed."""
         k, depth = bit - self._first, float(now[DEPTH])
         rest = ((k, bit, now[WEAR], now[RISE]), (k + 1, bit + 1, 0.0, self._cooled(ph, now[RISE])))
         actions = []
-        for (row, number, wear, rise), change in zip(rest, (KEEP, CHANGE), strict=True):
+        for (row, number, wear, rise), change in zip(rest, (KEEP, CHANGE)[: 1 + self._changes], strict=False):
             state = depth, float(wear), float(rise), STEP, self._wear_price
             costs = rate_settings(ph, self._value, self._settings, row, number, *state)
             best = np.argsort(costs)[: self._tried]

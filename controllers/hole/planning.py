@@ -7,7 +7,8 @@ random, so that Bellman's equation is solved backwards once, from the bottom of 
     V(z, k, w, T) = min( change: bit + rate * change_time + V(z, k + 1, 0, 0),
                          drill:  min over settings of the cost of DZ + V(z + DZ, k, w', T') )
 
-Settings that break the bit or trip the coil are left out: to change the bit, or to drill with less, is cheaper.
+Settings that break the bit or trip the coil are left out: to change the bit, or to drill with less, is cheaper. Where
+bits may not be changed, they are drilled with until they break, which takes the place of a change.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ D_TIME, D_WEAR, D_RISE, D_COST = range(4)
 
 def settings_grid(frequencies: int = 15, amplitudes: int = 13, pressures: int = 13) -> np.ndarray:
     """(n, 3) settings in Hz, V and bar, evenly over the ranges of Table 2.1."""
-    axes = [np.linspace(*RANGES[j], n) for j, n in enumerate((frequencies, amplitudes, pressures))]
+    sizes = (frequencies, amplitudes, pressures)
+    axes = [np.linspace(low, high, n) for (low, high), n in zip(RANGES.tolist(), sizes, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -148,8 +150,14 @@ def _between(value: np.ndarray, wear: float, rise: float) -> float:
 
 
 @njit(**KERNEL)
-def solve(ph: Physics, settings: np.ndarray, first_bit: int) -> np.ndarray:
+def solve(ph: Physics, settings: np.ndarray, first_bit: int, changes: bool) -> np.ndarray:
     """The least cost in EUR from every state to the bottom, without the present bit's price.
+
+    Args:
+        ph: The physics of the hole.
+        settings: (n, 3) those to choose from.
+        first_bit: Number of the present bit.
+        changes: Whether bits may be changed; else each is drilled with until it breaks.
 
     Returns:
         (BITS + 1, DEPTHS + 1, wears, rises), bits counted from ``first_bit``; the last row of bits is NEVER.
@@ -170,7 +178,8 @@ def solve(ph: Physics, settings: np.ndarray, first_bit: int) -> np.ndarray:
                 counts[iw] = choices(ph, layer, WEARS[iw], settings, options[iw])
         for k in range(BITS - 1, -1, -1):
             strength = ph.strengths[(first_bit + k) % MOST_BITS]
-            change = ph.costs[BIT_PRICE] + ph.costs[RIG_RATE] * ph.costs[CHANGE_TIME] + value[k + 1, z, 0, 0]
+            taken = ph.costs[CHANGE_TIME] if changes else ph.costs[FISHING_TIME]
+            change = ph.costs[BIT_PRICE] + ph.costs[RIG_RATE] * taken + value[k + 1, z, 0, 0]
             for iw in range(nw):
                 for it in range(nt):
                     best = change

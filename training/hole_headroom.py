@@ -1,0 +1,204 @@
+"""What is there to win in ``DrillBit``? Controllers on frozen holes, and what each action is worth.
+
+    python -m training.hole_headroom --json docs/environment/headroom-bit.json
+    python -m training.hole_headroom --table docs/environment/README.md --json docs/environment/headroom-bit.json
+
+Each row is written to the file when it is done, and not run again if it is there.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from tqdm import tqdm
+
+from controllers import Controller, OnPlant
+from controllers.fixed import Random
+from controllers.hole.oracle import Greedy, HoleOracle
+from controllers.hole.planning import physics_of, settings_grid, solve
+from controllers.hole.rules import HoleFixed, HoleRules
+from drillenv.checks import InputError, count
+from drillenv.cli import Parser
+from drillenv.env.hole.costs import BIT
+from drillenv.env.hole.task import HoleTask
+from drillenv.files import check_writable, whole
+from training.headroom import RESAMPLES
+
+FORMAT = "drillenv-hole-headroom/1"
+PINNED = ("frequency", "amplitude", "pressure")
+PIN_HOLES = 10
+"""Holes of "validation" on which the best constant of a pinned action is searched, by the plan alone."""
+ORACLE = "oracle"
+
+
+class RandomHole(Random):
+    """Any setting, evenly; a new bit every fiftieth step."""
+
+    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+        """A new action each time."""
+        change = 1.0 if self._rng.random() < 0.02 else -1.0
+        return np.append(super().act(observation, info), np.float32(change))
+
+
+def pinned(control: int, constant: int) -> np.ndarray:
+    """(n, 3) the settings of the grid with the ``constant``-th value of a control."""
+    grid = settings_grid()
+    return grid[grid[:, control] == np.unique(grid[:, control])[constant]]
+
+
+def best_pin(control: int) -> np.ndarray:
+    """(n, 3) the settings with the best constant of a control, by the plan's cost."""
+    task = HoleTask(scenario="validation")
+    assert task.scenario is not None
+    holes = task.scenario.episodes["hole"][:PIN_HOLES]
+    values = np.unique(settings_grid()[:, control]).size
+    costs = np.zeros(values)
+    for j in tqdm(range(values), desc=PINNED[control], disable=None):
+        settings = pinned(control, j)
+        for hole in holes:
+            ph = physics_of(task, hole)
+            costs[j] += (solve(ph, settings, 0, True)[0, 0, 0, 0] + ph.costs[BIT]) / hole.depth / len(holes)
+    return pinned(control, int(np.argmin(costs)))
+
+
+def entries() -> dict[str, Callable[[], Controller]]:
+    """The rows, each made when it is run."""
+    rows: dict[str, Callable[[], Controller]] = {
+        ORACLE: HoleOracle,
+        "random": RandomHole,
+        "fixed": HoleFixed,
+        "rules": HoleRules,
+        "greedy, by the reward": lambda: Greedy(wear_share=0.0),
+        "greedy, wear at the price of a bit": lambda: Greedy(wear_share=1.0),
+        "oracle, no change of bits": lambda: HoleOracle(changes=False),
+    }
+    for control, name in enumerate(PINNED):
+        rows[f"oracle, {name} pinned"] = lambda control=control: HoleOracle(settings=best_pin(control))
+    return rows
+
+
+def play(controller: Controller, scenario: str, episodes: int, seed: int = 0) -> dict[str, list[float]]:
+    """What a controller did in each hole."""
+    env = gym.make("drillenv/DrillBit-v0", scenario=scenario)
+    kept: dict[str, list[float]] = {name: [] for name in (*MEASURES, "plan")}
+    for episode in tqdm(range(episodes), disable=None):
+        observation, info = env.reset(seed=seed, options={"episode": episode})
+        if isinstance(controller, OnPlant):
+            controller.attach(env.unwrapped.get_state)  # type: ignore[attr-defined]
+        controller.reset(seed)
+        single, steps, ended = 0.0, 0, False
+        while not ended:
+            action = controller.act(observation, info if controller.sees_truth else {})
+            observation, _reward, terminated, truncated, info = env.step(action)
+            single, steps, ended = single + info["strong_share"], steps + 1, terminated or truncated
+        for name in MEASURES:
+            kept[name].append(single / steps if name == "strong_share" else float(info[name]))
+        if type(controller) is HoleOracle:
+            kept["plan"].append(controller.bound())
+    return kept
+
+
+MEASURES = ("cost_per_metre", "hole_depth", "time", "bits_changed", "bits_broken", "trips", "strong_share")
+
+
+def shares(record: dict[str, Any]) -> dict[str, list[float]]:
+    """For each row the oracle's mean cost per metre over its own, with a 95 % bootstrap interval over holes."""
+    oracle = np.array(record["rows"][ORACLE]["cost_per_metre"])
+    drawn = np.random.default_rng(0).integers(0, oracle.size, (RESAMPLES, oracle.size))
+    found = {}
+    for name, row in record["rows"].items():
+        costs = np.array(row["cost_per_metre"])
+        resampled = oracle[drawn].mean(axis=1) / costs[drawn].mean(axis=1)
+        found[name] = [oracle.mean() / costs.mean(), *np.percentile(resampled, [2.5, 97.5])]
+    return found
+
+
+def table(record: dict[str, Any]) -> str:
+    """The record as a Markdown table."""
+    lines = [
+        "| controller | cost, EUR/m | share of the oracle | m/h | bits changed | broken | trips | strong P-1-I-1 |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    found = shares(record)
+    for name, row in sorted(record["rows"].items(), key=lambda item: np.mean(item[1]["cost_per_metre"])):
+        means = {measure: float(np.mean(row[measure])) for measure in MEASURES}
+        share, low, high = found[name]
+        speed = 3600 * np.sum(row["hole_depth"]) / np.sum(row["time"])
+        lines.append(
+            f"| {name} | {means['cost_per_metre']:.1f} | {share:.3f} ({low:.3f} to {high:.3f}) | {speed:.2f} "
+            f"| {means['bits_changed']:.1f} | {means['bits_broken']:.1f} | {means['trips']:.1f} "
+            f"| {means['strong_share']:.2f} |"
+        )
+    plan = np.mean(record["rows"][ORACLE]["plan"])
+    lines.append(f"\nThe plan of the settled motion, which the oracle carries out, costs {plan:.1f} EUR/m.")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line. Returns the exit code: 0, 2 on bad input."""
+    parser = Parser(prog="python -m training.hole_headroom", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--scenario", default="test", help="a frozen set of holes (default test)")
+    parser.add_argument("--episodes", type=int, default=60, help="the first so many (default 60)")
+    parser.add_argument("--json", type=Path, required=True, help="the record, which is gone on with where it exists")
+    parser.add_argument("--table", type=Path, help="write the table into its place in this page")
+    try:
+        given = parser.parse_args(arguments)
+        episodes = count("episodes", given.episodes, 1, 1000)
+        check_writable(given.json)
+        record = begun(given.json, given.scenario, episodes)
+        for name, make in entries().items():
+            if name not in record["rows"]:
+                record["rows"][name] = play(make(), given.scenario, episodes)
+                with whole(given.json) as part:
+                    part.write_text(json.dumps(record) + "\n", encoding="utf-8")
+        if given.table is not None:
+            put_table(given.table, table(record))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(table(record))
+    return 0
+
+
+def put_table(page: Path, text: str) -> None:
+    """Write the table into its place in a page.
+
+    Raises:
+        InputError: the page has no such place.
+    """
+    begin, end = "<!-- hole-headroom -->\n", "<!-- end hole-headroom -->"
+    content = page.read_text(encoding="utf-8")
+    before, found, rest = content.partition(begin)
+    if not found or end not in rest:
+        raise InputError(f"{page} has no lines {begin.strip()} and {end}: give another page")
+    with whole(page) as part:
+        part.write_text(before + begin + text + "\n" + end + rest.partition(end)[2], encoding="utf-8")
+
+
+def begun(file: Path, scenario: str, episodes: int) -> dict[str, Any]:
+    """The record of an earlier call, or a new one.
+
+    Raises:
+        InputError: the file is of something else.
+    """
+    head = {"format": FORMAT, "scenario": scenario, "episodes": episodes}
+    if not file.is_file():
+        return {**head, "rows": {}}
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+        same = {key: record[key] for key in head} == head and isinstance(record["rows"], dict)
+    except (ValueError, KeyError, TypeError):
+        same = False
+    if not same:
+        raise InputError(f"{file} is not a record of {episodes} holes of {scenario}: give another name")
+    return record
+
+
+if __name__ == "__main__":
+    sys.exit(main())
