@@ -35,7 +35,7 @@ class Explained(NamedTuple):
     @property
     def sentence(self) -> str:
         """For a person."""
-        if self.share == self.low == self.high == 0.0:
+        if self.share == 0.0:  # exactly so only of a mismatch that is not seen
             return f"The mismatch does not stand out of the noise on {self.of}."
         low, high = 100.0 * self.low, 100.0 * self.high
         share = f"{100.0 * self.share:.3g} % of the mismatch on {self.of}"
