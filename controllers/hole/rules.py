@@ -154,13 +154,15 @@ class HoleFixed:
     """One setting for every rock, and a new bit after a fixed depth.
 
     Args:
-        frequency, amplitude, pressure: In Hz, V and bar.
+        frequency, amplitude, pressure: In Hz, V and bar; those found by the search where left out.
         bit_depth: Depth in m that a bit drills.
     """
 
     sees_truth = False
 
-    def __init__(self, frequency: float = 100.0, amplitude: float = 0.4, pressure: float = 0.7, bit_depth: float = 1.5):
+    def __init__(
+        self, frequency: float = 79.5, amplitude: float = 0.559, pressure: float = 0.6, bit_depth: float = 2.45
+    ):
         setting = np.array([frequency, amplitude, pressure])
         low, high = RANGES[:, 0], RANGES[:, 1]
         self._action = np.append(np.clip((setting - RANGES.mean(axis=1)) / (0.5 * (high - low)), -1.0, 1.0), -1.0)
