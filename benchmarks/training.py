@@ -30,9 +30,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from drillenv.files import check_writable, whole
-from training.branches import Branches
-from training.learner import Learner
-from training.recipe import Recipe
+from drillenv.training.branches import Branches
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
 
 UPDATES = 8
 """Updates of a round."""

@@ -43,15 +43,15 @@ class OnPlant(Protocol):
 
 NAMES = MappingProxyType(
     {
-        "random": "controllers.fixed:Random",
-        "fixed": "controllers.fixed:Fixed",
-        "rules": "controllers.rules:Rules",
-        "scheduled": "controllers.scheduled:Scheduled",
-        "seeking": "controllers.seeking:Seeking",
-        "mpc": "controllers.mpc:Mpc",
-        "steady-oracle": "controllers.steady:SteadyOracle",
-        "oracle": "controllers.mpc:Oracle",
-        "learned": "controllers.learned:Learned",
+        "random": "drillenv.controllers.fixed:Random",
+        "fixed": "drillenv.controllers.fixed:Fixed",
+        "rules": "drillenv.controllers.rules:Rules",
+        "scheduled": "drillenv.controllers.scheduled:Scheduled",
+        "seeking": "drillenv.controllers.seeking:Seeking",
+        "mpc": "drillenv.controllers.mpc:Mpc",
+        "steady-oracle": "drillenv.controllers.steady:SteadyOracle",
+        "oracle": "drillenv.controllers.mpc:Oracle",
+        "learned": "drillenv.controllers.learned:Learned",
     }
 )
 """Where each controller lives."""

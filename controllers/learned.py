@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from controllers.policies import SHIPPED, Policy, actions_of, read_policy
+from drillenv.controllers.policies import SHIPPED, Policy, actions_of, read_policy
 
 
 class Learned:
     """Acts as the policy it is given: without chance, by the mean of the distribution it was trained with.
 
     Args:
-        policy: The folder of a policy that ``training.export`` wrote, or a policy that was read already; by default the
+        policy: The folder of a policy that ``drillenv export`` wrote, or a policy that was read already; by default the
             one that ships with the package.
 
     Raises:
-        InputError: the folder holds no policy that can be used, see :func:`controllers.policies.read_policy`.
+        InputError: the folder holds no policy that can be used, see :func:`drillenv.controllers.policies.read_policy`.
     """
 
     sees_truth = False

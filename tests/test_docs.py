@@ -20,7 +20,7 @@ def test_python_in_the_pages_runs(page, tmp_path, monkeypatch):
 
 
 def test_headroom_in_the_page_is_what_was_measured():
-    from training.headroom import table
+    from drillenv.training.headroom import table
 
     page = (ROOT / "docs" / "environment" / "README.md").read_text(encoding="utf-8")
     for name in ("headroom", "headroom-drill"):

@@ -1,11 +1,11 @@
 """The league: controllers through the same episodes, what each is worth, and how surely.
 
-    python -m training.evaluate --controllers all --scenario test --json OUT.json --table OUT.md
-    python -m training.evaluate --controllers rules seeking --scenario validation --episodes 10
+    python -m drillenv.training.evaluate --controllers all --scenario test --json OUT.json --table OUT.md
+    python -m drillenv.training.evaluate --controllers rules seeking --scenario validation --episodes 10
 
-``--scenario`` is a condition of :mod:`training.conditions` (test, beyond, constants, constants-3, hidden) or any other
-scenario. Runs that the file of ``--json`` holds already stay in it, unless their controller is asked for again; the
-yardstick is run where it is missing. The table is made of the JSON alone.
+``--scenario`` is a condition of :mod:`drillenv.training.conditions` (test, beyond, constants, constants-3, hidden) or
+any other scenario. Runs that the file of ``--json`` holds already stay in it, unless their controller is asked for
+again; the yardstick is run where it is missing. The table is made of the JSON alone.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-import controllers
-from controllers import Controller
-from controllers.policies import SHIPPED, WEIGHTS, read_policy
+from drillenv import controllers
 from drillenv.checks import InputError, choice, count, shown
 from drillenv.cli import Parser
+from drillenv.controllers import Controller
+from drillenv.controllers.policies import SHIPPED, WEIGHTS, read_policy
 from drillenv.env.registration import STEPS
 from drillenv.env.reward import Reward
 from drillenv.files import check_writable, whole
-from training.conditions import Condition, condition, episodes_of, scenario_of, strata
-from training.league import FORMAT, YARDSTICK, summary
-from training.league_table import league_table, write_table
-from training.measures import MEASURES, measures
-from training.rollout import rollout
+from drillenv.training.conditions import Condition, condition, episodes_of, scenario_of, strata
+from drillenv.training.league import FORMAT, YARDSTICK, summary
+from drillenv.training.league_table import league_table, write_table
+from drillenv.training.measures import MEASURES, measures
+from drillenv.training.rollout import rollout
 
 ALL = (*(name for name in controllers.NAMES if name != "learned"), "shipped", "learned", "learned-recurrent")
 """Rows of the league: the controllers by their names, the shipped policy, and the policies of several training seeds,
@@ -189,7 +189,7 @@ def write_record(file: str | Path, record: dict[str, Any]) -> None:
 
 def parser() -> Parser:
     """The options."""
-    made = Parser(prog="python -m training.evaluate", description=(__doc__ or "").split("\n")[0])
+    made = Parser(prog="python -m drillenv.training.evaluate", description=(__doc__ or "").split("\n")[0])
     made.add_argument("--controllers", nargs="+", default=["all"], metavar="NAME", help=f"all, or {', '.join(ALL)}")
     made.add_argument("--policies", nargs="+", default=[], metavar="DIR", help="policies of the rows learned*")
     made.add_argument("--scenario", default="test", help="a condition, a frozen set, or a file of one (default test)")

@@ -1,8 +1,8 @@
 """From a training run to a policy that runs with numpy alone.
 
-    python -m training.export --run DIR --out FOLDER [--which best|last]
+    python -m drillenv.training.export --run DIR --out FOLDER [--which best|last]
 
-The folder then holds policy.safetensors and policy.json, see :mod:`controllers.policies`;
+The folder then holds policy.safetensors and policy.json, see :mod:`drillenv.controllers.policies`;
 ``controllers.make("learned", policy=FOLDER)`` acts by it.
 """
 
@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.policies import Policy, write_policy
 from drillenv.checks import InputError, choice, shown
 from drillenv.cli import Parser
-from training.recipe import Recipe, read_recipe
-from training.scaling import CENTRE, WIDTH
+from drillenv.controllers.policies import Policy, write_policy
+from drillenv.training.recipe import Recipe, read_recipe
+from drillenv.training.scaling import CENTRE, WIDTH
 
 FORMAT = "drillenv-training/1"
 CONFIG = "config.json"
@@ -31,7 +31,7 @@ _PER_LAYER = 2
 
 
 def weights_of(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str, np.ndarray]:
-    """What the policy needs of all parameters of a model, by the names of :class:`controllers.policies.Policy`."""
+    """What the policy needs of all parameters of a model, by the names that a Policy has for them."""
     found = {}
     if recipe.algo == "recurrent-ppo":
         found["lstm.weight_input"] = parameters["lstm_actor.weight_ih_l0"]
@@ -97,7 +97,7 @@ def exported(run: Path, which: str = "best") -> Policy:
     Raises:
         InputError: no run, no checkpoint yet, or no evaluation yet.
     """
-    from training.checkpoint import latest
+    from drillenv.training.checkpoint import latest
 
     choice("which", which, WHICH)
     recipe, _ = read_config(run)
@@ -114,7 +114,7 @@ def exported(run: Path, which: str = "best") -> Policy:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, or 2 on bad input."""
-    parser = Parser(prog="python -m training.export", description=(__doc__ or "").split("\n")[0])
+    parser = Parser(prog="python -m drillenv.training.export", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--run", required=True, help="folder of a training run")
     parser.add_argument("--out", required=True, help="folder for the policy")
     parser.add_argument("--which", default="best", help="best (by the evaluations on validation) or last")

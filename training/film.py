@@ -1,6 +1,6 @@
 """An episode as a film: one controller or several beside each other, through a change of rock.
 
-    python -m training.film --controllers rules learned --out FILM.gif [--episode 3] [--first 20] [--frames 48]
+    python -m drillenv.training.film --controllers rules learned --out FILM.gif [--episode 3] [--first 20] [--frames 48]
 
 Each frame is a control interval of 0.25 s as ``render()`` draws it.
 """
@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-import controllers
-from controllers import Controller, OnPlant
+from drillenv import controllers
 from drillenv.checks import InputError, choice, count
 from drillenv.cli import Parser
+from drillenv.controllers import Controller, OnPlant
 from drillenv.env.plant import INTERVAL
 from drillenv.env.registration import STEPS
 from drillenv.env.scalar import DrillEnv
@@ -100,7 +100,7 @@ def write_film(file: str, pages: Sequence[Image.Image], speed: float = 1.0) -> N
 
 def parser() -> Parser:
     """The options."""
-    made = Parser(prog="python -m training.film", description=(__doc__ or "").split("\n")[0])
+    made = Parser(prog="python -m drillenv.training.film", description=(__doc__ or "").split("\n")[0])
     made.add_argument("--controllers", nargs="+", required=True, help=f"of {', '.join(controllers.NAMES)}")
     made.add_argument("--out", required=True, help="a file that ends in .gif")
     made.add_argument("--scenario", default="test", help="a frozen set, or a file of one (default test)")

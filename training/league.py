@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from training.measures import MEASURES
-from training.statistics import Draws, Interval, chance, draws, interval, iqm, resampled
+from drillenv.training.measures import MEASURES
+from drillenv.training.statistics import Draws, Interval, chance, draws, interval, iqm, resampled
 
 FORMAT = "drillenv-league/1"
 YARDSTICK = "oracle"

@@ -50,7 +50,7 @@ def draw(records: Mapping[str, Mapping[str, Any]], file: str | Path) -> None:
 
     conditions = [name for name in LABELS if name in records]
     if not conditions:
-        raise InputError(f"no record is of one of {', '.join(LABELS)}: make them with python -m training.evaluate")
+        raise InputError(f"no record is of one of {', '.join(LABELS)}: make them with drillenv league --json")
     rows = {name: colour for name, colour in SHOWN.items() if _in_any(records, name)}
     if "learned" not in rows and _in_any(records, STAND_IN):
         rows[STAND_IN] = STAND_IN_COLOUR

@@ -8,7 +8,7 @@ from typing import Any
 
 from drillenv.checks import InputError
 from drillenv.files import whole
-from training.league import SEEDS
+from drillenv.training.league import SEEDS
 
 
 def league_table(record: Mapping[str, Any]) -> str:

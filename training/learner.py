@@ -8,11 +8,11 @@ from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor
 
-from controllers.policies import outputs_for
-from training.branches import BranchedPPO, Branches
-from training.recipe import START, Recipe
-from training.sb3 import DrillVecEnv
-from training.scaling import Scaled
+from drillenv.controllers.policies import outputs_for
+from drillenv.training.branches import BranchedPPO, Branches
+from drillenv.training.recipe import START, Recipe
+from drillenv.training.sb3 import DrillVecEnv
+from drillenv.training.scaling import Scaled
 
 SLOWEST = 0.02
 """Share of the learning rate that is left after the annealing."""

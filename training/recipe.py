@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 
-from controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
 from drillenv.checks import InputError, choice, count, number, shown
+from drillenv.controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
 from drillenv.env.registration import IDS
 
 ALGORITHMS = ("ppo", "recurrent-ppo")
@@ -35,7 +35,7 @@ def option(default: Any, text: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """See the help of ``python -m training.train``.
+    """See the help of ``python -m drillenv.training.train``.
 
     Raises:
         InputError: a value is not what it should be, or two of them contradict each other.

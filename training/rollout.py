@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers import Controller, OnPlant
 from drillenv.checks import count
+from drillenv.controllers import Controller, OnPlant
 from drillenv.env.registration import KINDS, STEPS
 from drillenv.env.scenarios import read_scenario
 from drillenv.env.truth import TRUTH, TRUTH_SIZE

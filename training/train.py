@@ -1,11 +1,11 @@
 """Train a policy by PPO on the native vector environment, so that it can be stopped at any moment and go on.
 
-    python -m training.train --out DIR [--resume] [--timesteps N] [--seed S] [--algo ppo|recurrent-ppo] [...]
+    python -m drillenv.training.train --out DIR [--resume] [--timesteps N] [--seed S] [--algo ppo|recurrent-ppo] [...]
 
 What lies in DIR:
 
     config.json     the recipe, the number of steps, and the versions of what it ran with
-    checkpoints/    the last two, see training.checkpoint; --resume goes on from the last
+    checkpoints/    the last two, see drillenv.training.checkpoint; --resume goes on from the last
     best/, last/    the best policy by the evaluations on the scenario validation, and the last one, as exported files
     tensorboard/    tensorboard --logdir DIR/tensorboard
     result.json     scores and times, once all steps are done
@@ -33,16 +33,16 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
-from controllers.learned import Learned
-from controllers.policies import write_policy
 from drillenv.checks import InputError, count, number
 from drillenv.cli import Parser
+from drillenv.controllers.learned import Learned
+from drillenv.controllers.policies import write_policy
 from drillenv.files import whole
-from training import checkpoint
-from training.export import CONFIG, FORMAT, policy_of, read_config, weights_of
-from training.learner import Learner
-from training.recipe import Recipe, read_recipe
-from training.rollout import rollout
+from drillenv.training import checkpoint
+from drillenv.training.export import CONFIG, FORMAT, policy_of, read_config, weights_of
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe, read_recipe
+from drillenv.training.rollout import rollout
 
 TIMESTEPS = 500_000
 SCENARIO = "validation"
@@ -258,7 +258,7 @@ def _write_json(file: Path, record: Mapping[str, Any]) -> None:
 
 def parser() -> Parser:
     """The options: those of the recipe, and those that do not decide on the result."""
-    made = Parser(prog="python -m training.train", description=(__doc__ or "").split("\n")[0])
+    made = Parser(prog="python -m drillenv.training.train", description=(__doc__ or "").split("\n")[0])
     made.add_argument("--out", required=True, help="folder of the run")
     made.add_argument(
         "--resume", action="store_true", help="go on with the run in --out; other options may be left out"

@@ -45,7 +45,7 @@ MOST_LAYERS, MOST_UNITS, MOST_STACKED = 8, 1024, 64
 ACTIONS = ("frequency", "amplitude", "ratio")
 ACTION_RANGES = np.array([RANGES[0], RANGES[1], [1.3, 3.3]])
 """Hz, V and bar/V. The policy says how much pressure there is to be over the amplitude and not how much, because that
-decides on the motion (see controllers.rules): what a rock bears is then one number at any amplitude."""
+decides on the motion (see drillenv.controllers.rules): what a rock bears is then one number at any amplitude."""
 NAMES = tuple(reading.name for reading in READINGS)
 MOST_PROVENANCE = 64
 SHIPPED = Path(__file__).parent / "ppo-layers"

@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import controllers
+from drillenv import controllers
 from drillenv.checks import InputError
 from drillenv.env.episodes import rig_array
 from drillenv.env.scenarios import read_scenario
 from drillenv.env.truth import TRUTH, TRUTH_SIZE
 from drillenv.rig import Rig
-from training import evaluate as league_command
-from training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
-from training.evaluate import entries, evaluate, read_record, run_record, write_record
-from training.league import summary
-from training.league_page import main as make_page
-from training.league_table import league_table, page_part, statement_text, write_table
-from training.measures import measures, recoveries
-from training.rollout import Rollout, rollout
-from training.statistics import chance, draws, interval, iqm, resampled
+from drillenv.training import evaluate as league_command
+from drillenv.training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
+from drillenv.training.evaluate import entries, evaluate, read_record, run_record, write_record
+from drillenv.training.league import summary
+from drillenv.training.league_page import main as make_page
+from drillenv.training.league_table import league_table, page_part, statement_text, write_table
+from drillenv.training.measures import measures, recoveries
+from drillenv.training.rollout import Rollout, rollout
+from drillenv.training.statistics import chance, draws, interval, iqm, resampled
 
 DOCS = Path(__file__).parents[2] / "docs" / "league"
 TABLES = sorted(DOCS.glob("*.json"))
@@ -339,7 +339,7 @@ def test_the_page_and_its_figure_are_made_by_one_command(tmp_path, capsys, monke
     names = ("test", "constants")
     places = "".join(f"<!-- league {name} -->\n<!-- end league {name} -->\n" for name in names)
     (tmp_path / "README.md").write_text(places, encoding="utf-8")
-    monkeypatch.setattr("training.league_page.EPISODES", dict.fromkeys(names, 1))
+    monkeypatch.setattr("drillenv.training.league_page.EPISODES", dict.fromkeys(names, 1))
     monkeypatch.setitem(league_command.STEPS, "DrillLayers", 3)
     asked = ["--out", str(tmp_path), "--conditions", *names, "--threads", "1"]
     assert make_page([*asked, "--controllers", "rules", "seeking"]) == 0
@@ -395,7 +395,7 @@ def test_the_cheap_rows_are_current(name, where):
     record = read_record(DOCS / f"{where}.json")
     run = entries([name], POLICIES if name.startswith("learned") else ())[name][0]
     kept = record["runs"][name][0]
-    assert run.policy == kept["policy"], "the policy is another one: run training.league_page again"
+    assert run.policy == kept["policy"], "the policy is another one: run drillenv.training.league_page again"
     made = run_record(run, CONDITIONS[where], 3, record["steps"], threads=1)
     for measure in ("score", "penetration_rate", "single_share"):
         assert made["episodes"][measure] == pytest.approx(kept["episodes"][measure][:3], abs=1e-6), measure

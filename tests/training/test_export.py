@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from controllers.learned import Learned
-from controllers.policies import actions_of, outputs_for, read_policy
+from drillenv.controllers.learned import Learned
+from drillenv.controllers.policies import actions_of, outputs_for, read_policy
 from drillenv.env.observation import HIGH, LOW, READINGS
-from training import export, train
-from training.export import policy_of, weights_of
-from training.learner import Learner
-from training.recipe import Recipe
-from training.scaling import CENTRE, NOISES, WIDTH, Scaled, scaled
+from drillenv.training import export, train
+from drillenv.training.export import policy_of, weights_of
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
+from drillenv.training.scaling import CENTRE, NOISES, WIDTH, Scaled, scaled
 
 SMALL = {"env": "drillenv/Drill-v0", "envs": 2, "rollout": 8, "batch": 8, "epochs": 1, "evaluate_every": 0}
 KINDS = {
@@ -113,7 +113,7 @@ def test_rewards_and_last_observations_are_scaled():
 @pytest.mark.slow
 def test_the_scaling_is_what_its_table_says():
     """Mean and spread of the readings under the rules and at random settings, over the scenario train."""
-    import controllers
+    from drillenv import controllers
     from drillenv.env.vector import DrillVectorEnv
 
     rows = []

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import controllers
-from training.film import beside, main, pictures
+from drillenv import controllers
+from drillenv.training.film import beside, main, pictures
 
 
 @pytest.mark.slow

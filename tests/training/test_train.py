@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-import controllers
+from drillenv import controllers
 from drillenv.checks import InputError
-from training import checkpoint, train
-from training.learner import Learner
-from training.recipe import Recipe, read_recipe
-from training.rollout import rollout
+from drillenv.training import checkpoint, train
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe, read_recipe
+from drillenv.training.rollout import rollout
 
 SMALL = {
     "env": "drillenv/Drill-v0",
@@ -92,7 +92,7 @@ def killed_at_random(out, arguments, steps, kills, rng):
     On a busy machine it dies before it has come anywhere, and is killed more often.
     """
     context = get_context("forkserver")
-    context.set_forkserver_preload(["training.train"])
+    context.set_forkserver_preload(["drillenv.training.train"])
     found, checkpoints = [], out / "checkpoints"
     deadline = time.monotonic() + 300
     while not (out / "result.json").exists():
@@ -289,7 +289,16 @@ def test_learning_rate_and_noise_go_by_the_steps_done():
 def test_the_command_line(tmp_path):
     """As a process of its own, with its progress bar."""
     options = ["--env", "drillenv/Drill-v0", "--envs", "2", "--rollout", "8", "--batch", "8", "--evaluate-every", "0"]
-    command = [sys.executable, "-m", "training.train", "--out", str(tmp_path / "run"), "--timesteps", "32", *options]
+    command = [
+        sys.executable,
+        "-m",
+        "drillenv.training.train",
+        "--out",
+        str(tmp_path / "run"),
+        "--timesteps",
+        "32",
+        *options,
+    ]
     root = Path(__file__).parents[2]
     made = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=root)
     assert made.returncode == 0, made.stderr
