@@ -129,7 +129,7 @@ def main() -> None:
         check_writable(given.json)
     contestants = {
         "drillenv/DrillLayers-v0": drilling(RECIPE),
-        "the same with a critic": drilling(replace(RECIPE, ahead=0)),
+        "the same with a critic": drilling(replace(RECIPE, algo="ppo", ahead=0)),
         "Pendulum-v1": pendulum(),
     }
     rounds: dict[str, list[dict[str, float]]] = {name: [] for name in contestants}

@@ -24,9 +24,9 @@ def test_every_folder_of_code_is_installed():
     assert set(stated) == {name if name.startswith("drillenv") else f"drillenv.{name}" for name in found}
 
 
-def test_the_type_checker_finds_the_rooms_beside_drillenv():
+def test_type_checkers_find_the_rooms_beside_drillenv():
     for room in ROOMS[1:]:
-        assert (ROOT / "typings" / "drillenv" / room).resolve() == ROOT / room
+        assert (ROOT / "drillenv" / room).resolve() == ROOT / room
 
 
 @pytest.fixture(scope="module")

@@ -28,13 +28,13 @@ from gymnasium.vector import VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from drillenv.checks import InputError, count, shown
-from drillenv.cli import Parser
+from drillenv.cli_options import Parser
 from drillenv.controllers.policies import Policy, actions_of, outputs_for, write_policy
 from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS, KINDS, STEPS
 from drillenv.env.vector import DrillVectorEnv
 from drillenv.training.export import policy_of
-from drillenv.training.recipe import CRITIC, START, Recipe
+from drillenv.training.recipe import START, Recipe, prepared_ppo
 from drillenv.training.scaling import scaled
 
 if TYPE_CHECKING:
@@ -178,8 +178,10 @@ def train(recipe: Recipe, timesteps: int, out: str, address: str = "local", runn
     """
     count("timesteps", timesteps, 1, 10**12)
     count("runners", runners, 0, 10_000)
-    if recipe.algo != "ppo":
-        raise InputError(f"algo is {shown(recipe.algo)}: the cluster trains ppo only")
+    if recipe.algo != "ppo" or not recipe.prepared or recipe.env_kwargs:
+        raise InputError(
+            f"algo is {shown(recipe.algo)}: the cluster trains ppo on prepared rigs without env_kwargs only"
+        )
     try:
         Path(out).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -230,7 +232,7 @@ def _connected(address: str) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, or 2 on bad input."""
-    usual = Recipe(**CRITIC)
+    usual = prepared_ppo()
     parser = Parser(prog="python -m drillenv.training.cluster", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", required=True, help="folder for the policy")
     parser.add_argument("--address", default="local", help="local, auto or HOST:PORT (default local)")

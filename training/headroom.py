@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from drillenv import controllers
 from drillenv.checks import InputError, choice
-from drillenv.cli import Parser
+from drillenv.cli_options import Parser
 from drillenv.controllers import Controller
 from drillenv.env.registration import KINDS
 from drillenv.env.scenarios import read_scenario

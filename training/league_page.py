@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from drillenv.checks import InputError, choice, count
-from drillenv.cli import Parser
+from drillenv.cli_options import Parser
 from drillenv.files import check_writable
 from drillenv.training.conditions import CONDITIONS
 from drillenv.training.evaluate import ALL, entries, evaluate, read_record, write_record
@@ -31,8 +31,13 @@ def parser() -> Parser:
     """The options."""
     made = Parser(prog="python -m drillenv.training.league_page", description=(__doc__ or "").split("\n")[0])
     made.add_argument("--out", required=True, help="folder of the league, with its README.md")
-    made.add_argument("--controllers", nargs="+", default=["all"], help=f"none, all, or {', '.join(ALL)}")
-    made.add_argument("--policies", nargs="+", default=[], metavar="DIR", help="policies of the rows learned*")
+    made.add_argument(
+        "--controllers", nargs="+", default=["all"], help=f"none, or as drillenv league: {', '.join(ALL)}, ..."
+    )
+    made.add_argument(
+        "--policies", nargs="+", default=[], metavar="DIR", help="policies, for the rows of their algorithms"
+    )
+    made.add_argument("--trust-pickle", action="store_true", help="as drillenv league")
     made.add_argument("--conditions", nargs="+", default=list(CONDITIONS), help=f"of {', '.join(CONDITIONS)}")
     made.add_argument("--threads", type=int, help="threads of the rigs (default all cores)")
     return made
@@ -43,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given = parser().parse_args(arguments)
         conditions = [choice("condition", name, tuple(CONDITIONS)) for name in given.conditions]
-        wanted = {} if given.controllers == ["none"] else entries(given.controllers, given.policies)
+        asked = given.controllers
+        wanted = {} if asked == ["none"] else entries(asked, given.policies, given.trust_pickle)
         threads = None if given.threads is None else count("threads", given.threads, 1, 1024)
         folder = Path(given.out)
         page, picture = folder / "README.md", folder / "degradation.png"

@@ -141,7 +141,7 @@ def test_a_flipped_bit(folder):
     assert "not the file" in refused(folder)
 
 
-@pytest.mark.parametrize("version", ["drillenv-policy/2", "drillenv-policy/0", None, 1, ["drillenv-policy/1"]])
+@pytest.mark.parametrize("version", ["drillenv-policy/3", "drillenv-policy/0", None, 1, ["drillenv-policy/1"]])
 def test_another_version(folder, version):
     described(folder, format=version)
     assert "'drillenv-policy/1'" in refused(folder)

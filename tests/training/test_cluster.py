@@ -9,9 +9,9 @@ from drillenv import controllers
 from drillenv.controllers.policies import actions_of
 from drillenv.training import cluster
 from drillenv.training.learner import Learner
-from drillenv.training.recipe import Recipe
+from drillenv.training.recipe import prepared_ppo
 
-SMALL = Recipe(
+SMALL = prepared_ppo(
     env="drillenv/Drill-v0", envs=3, stack=2, rollout=8, batch=8, epochs=1, layers=(8, 5), evaluate_every=0, seed=4
 )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drillenv import controllers
+from drillenv import cli, controllers
 from drillenv.checks import InputError
 from drillenv.env.episodes import rig_array
 from drillenv.env.scenarios import read_scenario
@@ -16,10 +16,10 @@ from drillenv.rig import Rig
 from drillenv.training import evaluate as league_command
 from drillenv.training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
 from drillenv.training.evaluate import entries, evaluate, read_record, run_record, write_record
-from drillenv.training.league import summary
+from drillenv.training.league import REPEATED, summary
 from drillenv.training.league_page import main as make_page
 from drillenv.training.league_table import league_table, page_part, statement_text, write_table
-from drillenv.training.measures import measures, recoveries
+from drillenv.training.measures import MEASURES, measures, recoveries
 from drillenv.training.rollout import Rollout, rollout
 from drillenv.training.statistics import chance, draws, interval, iqm, resampled
 
@@ -34,7 +34,7 @@ def runs_of(*scores):
         {
             "seed": i,
             "policy": None,
-            "episodes": {key: list(each) for key in league_command.MEASURES} | {"score": list(each)},
+            "episodes": {key: list(each) for key in MEASURES} | {"score": list(each)},
         }
         for i, each in enumerate(scores)
     ]
@@ -195,7 +195,7 @@ def test_an_episode_is_the_same_however_many_are_run():
 @pytest.fixture(scope="module")
 def record():
     """Three cheap rows and the oracle, on two short episodes."""
-    return evaluate(entries(["rules", "fixed"], ()), "validation", condition("validation"), 2, 12, threads=1)
+    return evaluate(entries(["rules", "fixed"]), "validation", condition("validation"), 2, 12, threads=1)
 
 
 def test_a_record_holds_what_each_controller_did(record):
@@ -210,7 +210,7 @@ def test_a_record_holds_what_each_controller_did(record):
 
 
 def test_rows_made_before_stay_and_another_condition_is_refused(record):
-    more = evaluate(entries(["seeking"], ()), "validation", condition("validation"), 2, 12, kept=record, threads=1)
+    more = evaluate(entries(["seeking"]), "validation", condition("validation"), 2, 12, kept=record, threads=1)
     assert list(more["runs"]) == ["fixed", "rules", "seeking", "oracle"]
     assert more["runs"]["rules"] == record["runs"]["rules"]
     with pytest.raises(InputError, match=r"the file of --json has episodes 2, not 1: give another file"):
@@ -219,7 +219,7 @@ def test_rows_made_before_stay_and_another_condition_is_refused(record):
 
 def test_the_record_is_saved_after_each_row():
     saved = []
-    evaluate(entries(["fixed"], ()), "validation", condition("validation"), 1, 3, threads=1, save=saved.append)
+    evaluate(entries(["fixed"]), "validation", condition("validation"), 1, 3, threads=1, save=saved.append)
     assert [list(each["runs"]) for each in saved] == [["oracle"], ["fixed", "oracle"]]
 
 
@@ -255,8 +255,8 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
 
     def stated(level, seeds):
         learned = [oracle * rng.normal(level, 0.01, 40) for _ in range(seeds)]
-        made = summary({"rules": runs_of(rules), "oracle": runs_of(oracle), "learned": runs_of(*learned)}, levels)
-        return made["statement"]["learned"]
+        made = summary({"rules": runs_of(rules), "oracle": runs_of(oracle), "ppo-vine": runs_of(*learned)}, levels)
+        return made["statement"]["ppo-vine"]
 
     good = stated(0.97, 5)
     assert good["beats"] == ["rules"] and good["loses_to"] == [] and good["reaches_enough"]
@@ -279,8 +279,8 @@ def test_the_statement_in_words():
         "beats": ["fixed"],
         "loses_to": ["mpc"],
     }
-    assert statement_text({"summary": {"statement": {"learned": found}}}) == (
-        "- `learned`, 5 training seeds, reaches 95 % of the oracle: 0.970 (0.967 to 0.974). Of those that neither "
+    assert statement_text({"summary": {"statement": {"ppo-vine": found}}}) == (
+        "- `ppo-vine`, 5 training seeds, reaches 95 % of the oracle: 0.970 (0.967 to 0.974). Of those that neither "
         "learn nor see the rock it loses to `mpc` (-0.012, -0.016 to -0.009); it is not surely different from `rules` "
         "(+0.001, -0.002 to +0.004); it beats `fixed` (+0.300, +0.200 to +0.400): differences of the shares, with 95 % "
         "intervals."
@@ -295,8 +295,8 @@ def test_the_statement_in_words():
     [
         (["--controllers", "ruels"], "controller is 'ruels': give one of random, fixed, rules"),
         (
-            ["--controllers", "learned"],
-            "controller learned needs trained policies: give their folders after --policies",
+            ["--controllers", "ppo-vine"],
+            "controller ppo-vine needs trained policies: give their folders after --policies",
         ),
         (["--controllers", "rules", "--policies", "nowhere"], "policy file nowhere"),
         (["--controllers", "rules", "--scenario", "nowhere"], "scenario is 'nowhere': give one of train"),
@@ -305,7 +305,7 @@ def test_the_statement_in_words():
             "environment is 'Dril': give one of",
         ),
         (["--controllers", "rules", "--episodes", "1000"], "episodes is 1000, outside 1 to 60"),
-        (["--controllers", "rules", "--episodes", "many"], "argument --episodes: invalid int value: 'many'"),
+        (["--controllers", "rules", "--episodes", "many"], "argument --episodes: 'many' is not a whole number"),
         (["--controllers", "rules", "--steps", "0"], "steps is 0, outside 1 to 100000"),
         (["--controllers", "rules", "--threads", "0"], "threads is 0, outside 1 to 1024"),
         (["--controllers", "rules", "--json", "/nowhere/at/all.json"], "cannot write '/nowhere/at/all.json'"),
@@ -319,16 +319,16 @@ def test_bad_input_gets_one_line(arguments, said, tmp_path, capsys):
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")
     given = [str(tmp_path / each) if each in files else each for each in arguments]
-    assert league_command.main(given) == 2
+    assert cli.main(["league", *given]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.startswith("error: ") and err.count("\n") == 1
+    assert out == "" and err.startswith("drillenv: ") and err.count("\n") == 1
     assert said in err
 
 
 def test_the_command_writes_record_and_table(tmp_path, capsys):
     files = ["--json", str(tmp_path / "a.json"), "--table", str(tmp_path / "a.md")]
     few = ["--episodes", "1", "--steps", "3", "--threads", "1"]
-    assert league_command.main(["--controllers", "fixed", "--scenario", "constants", *few, *files]) == 0
+    assert cli.main(["league", "--controllers", "fixed", "--scenario", "constants", *few, *files]) == 0
     record = read_record(tmp_path / "a.json")
     assert record["condition"] == "constants" and record["errors"] == 1.0
     assert (tmp_path / "a.md").read_text(encoding="utf-8") == page_part(record) + "\n"
@@ -378,22 +378,22 @@ def test_the_page_says_what_the_record_holds(file):
 def test_the_policies_of_the_learned_rows_are_kept():
     for file in TABLES:
         kept = read_record(file)["runs"]
-        for name, runs in entries(["learned", "learned-recurrent"], POLICIES).items():
+        for name, runs in entries(["ppo-vine", "recurrent-ppo"], POLICIES).items():
             assert [run.policy for run in runs] == [run["policy"] for run in kept[name]]
             assert len({run.seed for run in runs}) == len(runs)
-        assert len(kept["learned"]) == 5
+        assert len(kept["ppo-vine"]) == 5
         # the one that ships is among them
-        assert kept["shipped"][0]["policy"] in [run["policy"] for run in kept["learned"]]
+        assert kept["shipped"][0]["policy"] in [run["policy"] for run in kept["ppo-vine"]]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["random", "fixed", "rules", "scheduled", "seeking", "shipped", "learned", "learned-recurrent"]
+    "name", ["random", "fixed", "rules", "scheduled", "seeking", "shipped", "ppo-vine", "recurrent-ppo"]
 )
 @pytest.mark.parametrize("where", ["test", "beyond", "constants"])
 def test_the_cheap_rows_are_current(name, where):
     record = read_record(DOCS / f"{where}.json")
-    run = entries([name], POLICIES if name.startswith("learned") else ())[name][0]
+    run = entries([name], POLICIES if name in REPEATED else ())[name][0]
     kept = record["runs"][name][0]
     assert run.policy == kept["policy"], "the policy is another one: run drillenv.training.league_page again"
     made = run_record(run, CONDITIONS[where], 3, record["steps"], threads=1)
