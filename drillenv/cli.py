@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import drillenv
 from drillenv.checks import InputError, choice, count, shown
 from drillenv.cli_campaign import add_campaign
-from drillenv.cli_controllers import add_export, add_film, add_league, add_train
+from drillenv.cli_controllers import add_export, add_film, add_league, add_record, add_train
 from drillenv.cli_options import Parser, add_json, plain_number, print_json, whole_number
 from drillenv.corrected import effect_record, read_model
 from drillenv.files import check_writable
@@ -123,6 +123,7 @@ def _parser() -> Parser:
         ("league", add_league, "controllers through the same episodes: what each is worth, and how surely"),
         ("train", add_train, "train a policy, so that it can be stopped at any moment and go on"),
         ("export", add_export, "a policy that runs with numpy alone, from a run of training or a saved model"),
+        ("record", add_record, "play of controllers as a dataset of Minari, for offline learning"),
         ("film", add_film, "an episode as a film: one controller or several beside each other"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
     ):

@@ -1,4 +1,4 @@
-"""The commands around controllers: league, train, export and film. What they need is imported when one is asked for."""
+"""The commands around controllers: league, train, export, record and film. Each imports what it needs as it is run."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from drillenv.checks import InputError, count, shown
 from drillenv.cli_options import Parser, plain_number, whole_number
 
 EXTRAS = {
+    "datasets": ("minari", "safetensors"),
     "controllers": ("control", "safetensors"),
     "train": ("control", "safetensors", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
 }
@@ -83,6 +84,23 @@ def add_export(parser: Parser) -> None:
     parser.add_argument("--which", metavar="{best,last}", help="of a run, by its evaluations (default best)")
     parser.add_argument("--env", metavar="ID", help="what a model was trained on (default drillenv/DrillLayers-v0)")
     parser.set_defaults(run=_export, compiles=False)
+
+
+def add_record(parser: Parser) -> None:
+    """The command ``record``."""
+    note = f"who drills, in turns of an episode: {CONTROLLERS}"
+    parser.add_argument("--controllers", nargs="+", required=True, metavar="NAME", help=note)
+    note = "name of the dataset for Minari, such as drillenv/rules-v0"
+    parser.add_argument("--dataset", required=True, metavar="NAME", help=note)
+    parser.add_argument("--out", metavar="DIR", help="folder of the datasets (default that of Minari)")
+    note = "what is drilled (default drillenv/DrillLayers-v0)"
+    parser.add_argument("--env", default="drillenv/DrillLayers-v0", metavar="ID", help=note)
+    parser.add_argument("--scenario", default="train", help="a frozen set, or a file of one (default train)")
+    parser.add_argument("--episodes", type=whole_number, metavar="N", help="the first so many (default all)")
+    parser.add_argument("--steps", type=whole_number, metavar="N", help="of each episode (default as registered)")
+    parser.add_argument("--threads", type=whole_number, metavar="N", help="threads of the rigs (default all cores)")
+    _add_trust(parser)
+    parser.set_defaults(run=_record)
 
 
 def add_film(parser: Parser) -> None:
@@ -331,3 +349,13 @@ def _film(given: argparse.Namespace) -> None:
         pictures(runs[0].make(), given.scenario, given.episode, first, frames, width) for runs in wanted.values()
     ]
     write_film(given.out, beside(columns, list(wanted)))
+
+
+def _record(given: argparse.Namespace) -> None:
+    with needs("datasets"):
+        from drillenv.training.datasets import record
+
+        players = _entries(given.controllers, (), given.trust_pickle)
+    threads = None if given.threads is None else count("threads", given.threads, 1, 1024)
+    folder = record(given.dataset, players, given.env, given.scenario, given.episodes, given.steps, threads, given.out)
+    print(f"wrote {folder}")

@@ -33,7 +33,7 @@ def test_help_of_all_is_light(tmp_path):
         assert name in out
 
 
-@pytest.mark.parametrize("name", ["league", "train", "export", "film"])
+@pytest.mark.parametrize("name", ["league", "train", "export", "film", "record"])
 def test_help_needs_no_torch(name, tmp_path):
     out, said, code, _, loaded = run(tmp_path, name, "--help")
     assert code == 0 and said == [] and "torch" not in loaded and "stable_baselines3" not in loaded
@@ -56,6 +56,7 @@ def test_the_league_needs_no_torch(tmp_path):
             "stable_baselines3 is not installed: pip install",
         ),
         ("safetensors", ["train", "--out", "run"], "safetensors is not installed: pip install drillenv[train]"),
+        ("minari", ["record", "--controllers", "rules", "--dataset", "a-v0"], "pip install drillenv[datasets]"),
         ("safetensors", ["league"], "safetensors is not installed: pip install drillenv[controllers]"),
         ("safetensors", ["film", "--controllers", "rules", "--out", "a.gif"], "pip install drillenv[controllers]"),
         ("stable_baselines3", ["export", "--run", "run", "--out", "policy"], "pip install drillenv[train]"),

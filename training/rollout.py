@@ -29,6 +29,8 @@ class Rollout(NamedTuple):
     """(episodes, steps, columns of TRUTH)."""
     actions: np.ndarray
     """(episodes, steps, 3)."""
+    observations: np.ndarray
+    """(episodes, steps + 1, 15) float32; the first are those of the reset."""
 
     @property
     def scores(self) -> np.ndarray:
@@ -83,14 +85,17 @@ def rollout(
     rewards = np.empty((n, length))
     truths = np.empty((n, length, TRUTH_SIZE))
     actions = np.empty((n, length, 3), dtype=np.float32)
+    seen = np.empty((n, length + 1, *observations.shape[1:]), dtype=np.float32)
+    seen[:, 0] = observations
     for step in range(length):
         for i, driver in enumerate(drivers):
             info = {name: infos[name][i] for name in TRUTH} if sees_truth(driver) else {}
             actions[i, step] = action_of(driver, observations[i], info)
         observations, rewards[:, step], _, _, infos = envs.step(actions[:, step])
         truths[:, step] = np.column_stack([infos[name] for name in TRUTH])
+        seen[:, step + 1] = observations
     envs.close()
-    return Rollout(rewards, truths, actions)
+    return Rollout(rewards, truths, actions, seen)
 
 
 def action_of(driver: Controller, observation: np.ndarray, info: dict[str, Any], size: int = 3) -> np.ndarray:

@@ -114,7 +114,7 @@ def drilled(steps=20, **columns):
     truths = np.zeros((1, steps, TRUTH_SIZE))
     for name, values in columns.items():
         truths[0, :, TRUTH.index(name)] = values
-    return Rollout(np.ones((1, steps)), truths, np.zeros((1, steps, 3)))
+    return Rollout(np.ones((1, steps)), truths, np.zeros((1, steps, 3)), np.zeros((1, steps + 1, 15)))
 
 
 def test_the_measures_are_what_they_say():
