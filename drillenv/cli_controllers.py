@@ -183,7 +183,7 @@ def _entries(names: Sequence[str], policies: Sequence[str], trust_pickle: bool) 
     from drillenv.training.evaluate import entries
 
     present = os.getcwd()
-    if present not in sys.path:
+    if any(":" in name for name in names) and present not in sys.path:
         sys.path.insert(0, present)
     return entries(names, policies, trust_pickle)
 
@@ -345,10 +345,9 @@ def _film(given: argparse.Namespace) -> None:
     first = count("first", given.first, 0, STEPS["DrillLayers"] - frames)
     width = count("width", given.width, 64, 1280)
     check_writable(given.out)
-    columns = [
-        pictures(runs[0].make(), given.scenario, given.episode, first, frames, width) for runs in wanted.values()
-    ]
-    write_film(given.out, beside(columns, list(wanted)))
+    runs = [(name, run) for name, each in wanted.items() for run in each]
+    columns = [pictures(run.make(), given.scenario, given.episode, first, frames, width) for _, run in runs]
+    write_film(given.out, beside(columns, [name for name, _ in runs]))
 
 
 def _record(given: argparse.Namespace) -> None:

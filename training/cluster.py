@@ -34,7 +34,7 @@ from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS, KINDS, STEPS
 from drillenv.env.vector import DrillVectorEnv
 from drillenv.training.export import policy_of
-from drillenv.training.recipe import START, Recipe, prepared_ppo
+from drillenv.training.recipe import START, Recipe
 from drillenv.training.scaling import scaled
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ def _connected(address: str) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, or 2 on bad input."""
-    usual = prepared_ppo()
+    usual = Recipe(algo="ppo", prepared=True)
     parser = Parser(prog="python -m drillenv.training.cluster", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", required=True, help="folder for the policy")
     parser.add_argument("--address", default="local", help="local, auto or HOST:PORT (default local)")

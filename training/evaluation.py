@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecFrameStack
 
+from drillenv.checks import InputError
 from drillenv.controllers.learned import Learned
 from drillenv.controllers.policies import Policy
 from drillenv.training.learner import rigs_of
@@ -22,8 +23,14 @@ FIRST_SEED = 1_000_000
 
 
 def scenario_of(recipe: Recipe) -> str | None:
-    """The scenario of the evaluations; None where the arguments of the environment leave no choice."""
-    return None if any(name in recipe.env_kwargs for name in FIXING) else SCENARIO
+    """The scenario of the evaluations; None where the arguments of the environment leave no choice, or it has none."""
+    if any(name in recipe.env_kwargs for name in FIXING):
+        return None
+    try:
+        rigs_of(recipe, 1, 1, scenario=SCENARIO).close()
+    except InputError:
+        return None
+    return SCENARIO
 
 
 def score_of_policy(policy: Policy, recipe: Recipe, threads: int | None) -> float:

@@ -28,11 +28,14 @@ HEADS = {"sac": ("actor.latent_pi", "actor.mu"), "td3": ("actor.mu", "")}
 ON_POLICY_HEAD = ("mlp_extractor.policy_net", "action_net")
 
 
-def can_be_exported(recipe: Recipe) -> bool:
-    """Whether a policy of this recipe sees the readings and gives absolute settings, as controllers do."""
+def controller_weights(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str, np.ndarray]:
+    """As :func:`weights_of`; nothing where the policy does not see the readings or give settings, as controllers do."""
     given = recipe.env_kwargs
-    usual = given.get("actions", "absolute") == "absolute" and given.get("observations", "readings") == "readings"
-    return recipe.prepared or usual
+    if given.get("actions", "absolute") != "absolute" or given.get("observations", "readings") != "readings":
+        return {}
+    weights = weights_of(parameters, recipe)
+    sizes = weights["action.bias"].size, weights.get("lstm.weight_input", weights["layer0.weight"]).shape[1]
+    return weights if sizes == (len(ACTIONS), recipe.stack * len(NAMES)) else {}
 
 
 def weights_of(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str, np.ndarray]:
@@ -113,19 +116,20 @@ def exported(run: Path, which: str = "best") -> Policy:
     """
     choice("which", which, WHICH)
     recipe, _ = read_config(run)
-    if not can_be_exported(recipe):
-        raise InputError(f"{run} has policies of other actions or observations than controllers: use {which}.zip there")
     if recipe.algo in OFF_POLICY:
         if not (run / which / DESCRIPTION).is_file():
-            raise InputError(f"{run} has no {which} policy yet: train for longer, with evaluations")
+            raise InputError(f"{run} has no policy {which} for controllers: train for longer, or use {which}.zip there")
         return read_policy(run / which)
     from drillenv.training.checkpoint import latest
 
     checkpoint, _ = latest(run / "checkpoints")
     if checkpoint is None:
         raise InputError(f"{run} has no checkpoint that can be read: train for longer")
+    weights = controller_weights(checkpoint.policy, recipe)
+    if not weights:
+        raise InputError(f"{run} has policies of other actions or observations than controllers: use {which}.zip there")
     if which == "last":
-        return policy_of(weights_of(checkpoint.policy, recipe), recipe, checkpoint.steps, None)
+        return policy_of(weights, recipe, checkpoint.steps, None)
     if not checkpoint.best:
         raise InputError(f"{run} was never evaluated: give --which last, or train it with --evaluate-every")
     notes = checkpoint.record["notes"]

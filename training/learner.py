@@ -17,7 +17,7 @@ from drillenv.controllers.policies import outputs_for
 from drillenv.training.branches import BranchedPPO, Branches
 from drillenv.training.recipe import OFF_POLICY, START, Recipe
 from drillenv.training.sb3 import DrillVecEnv
-from drillenv.training.scaling import Scaled
+from drillenv.training.scaling import CENTRE, Scaled
 
 SLOWEST = 0.02
 """Share of the learning rate that is left after the annealing."""
@@ -59,6 +59,9 @@ class Learner:
             self.stacked = VecFrameStack(self.monitor, recipe.stack)
             self.model: Any = _plain(recipe, self.stacked)
             return
+        spaces = self.rigs.observation_space.shape, self.rigs.action_space.shape
+        if spaces != (CENTRE.shape, (len(START),)):
+            raise InputError(f"rigs of {recipe.env} cannot be prepared, they have other readings or controls: take ppo")
         self.stacked = VecFrameStack(Scaled(self.monitor, 1.0 - recipe.gamma), recipe.stack)
         self.model = self._algorithm()
         head = self.model.policy.action_net

@@ -130,7 +130,7 @@ class Recipe:
 
     def __post_init__(self) -> None:
         algo = choice("algo", self.algo, tuple(ALGORITHMS))
-        for name, value in usual(algo).items():
+        for name, value in usual(algo, self.prepared).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, value in self._checked().items():
@@ -197,14 +197,9 @@ class Recipe:
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
-def prepared_ppo(**given: Any) -> Recipe:
-    """PPO with a critic on prepared rigs, by the numbers that do best there."""
-    return Recipe(**{"algo": "ppo", **USUAL, **CRITIC, **given})
-
-
-def usual(algo: str) -> dict[str, Any]:
-    """What is not given is this, with an algorithm."""
-    return {**USUAL, **OTHERWISE[algo]}
+def usual(algo: str, prepared: bool | None = None) -> dict[str, Any]:
+    """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
+    return {**USUAL, **(CRITIC if algo == "ppo" and prepared is True else OTHERWISE[algo])}
 
 
 def read_recipe(record: object) -> Recipe:

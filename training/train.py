@@ -36,7 +36,7 @@ from drillenv.controllers.policies import write_policy
 from drillenv.files import whole
 from drillenv.training import checkpoint
 from drillenv.training.evaluation import scenario_of, score_of_model, score_of_policy
-from drillenv.training.export import CONFIG, FORMAT, can_be_exported, policy_of, read_config, weights_of
+from drillenv.training.export import CONFIG, FORMAT, controller_weights, policy_of, read_config
 from drillenv.training.learner import Learner
 from drillenv.training.recipe import CHECKPOINT_SECONDS, OFF_POLICY, Recipe
 
@@ -99,7 +99,7 @@ class Keeper(BaseCallback):
     def evaluate(self, steps: int) -> float:
         """Score the policy as it would be used, and keep it where it is the best so far."""
         learner, recipe = self.learner, self.learner.recipe
-        weights = weights_of(learner.parameters(), recipe) if can_be_exported(recipe) else {}
+        weights = controller_weights(learner.parameters(), recipe)
         if recipe.prepared:
             score = score_of_policy(policy_of(weights, recipe, 0, None), recipe, learner.threads)
         else:
@@ -220,7 +220,7 @@ def _finish(keeper: Keeper, folder: Path, first: int, seconds: float) -> dict[st
     keeper.show(steps)
     # the run may be lengthened, so this evaluation is not part of the checkpoint
     score = keeper.evaluate(steps) if recipe.evaluate_every else None
-    weights = weights_of(learner.parameters(), recipe) if can_be_exported(recipe) else {}
+    weights = controller_weights(learner.parameters(), recipe)
     keep(folder / "last", learner, weights, steps, score)
     result = {
         "steps": steps,

@@ -8,11 +8,12 @@ import pytest
 from stable_baselines3 import PPO, SAC, TD3
 
 from drillenv import cli, controllers
-from drillenv.controllers.policies import DIRECT, read_policy
+from drillenv.controllers.policies import DIRECT, SHIPPED, read_policy
 from drillenv.training import train
+from drillenv.training.evaluate import row_of
 from drillenv.training.export import exported, read_config
 from drillenv.training.learner import Learner
-from drillenv.training.recipe import ALGORITHMS, OTHERWISE, Recipe, renamed
+from drillenv.training.recipe import ALGORITHMS, CRITIC, OTHERWISE, USUAL, Recipe, renamed
 from drillenv.training.rollout import rollout
 
 PLAIN = {
@@ -142,7 +143,7 @@ def test_sac_does_not_go_on(tmp_path, capsys):
     assert "a run of sac, which has no checkpoints: begin in another folder" in capsys.readouterr().err
 
 
-def test_runs_and_policies_of_before_keep_their_meaning():
+def test_runs_and_policies_of_before_keep_their_meaning(tmp_path):
     """When "ppo" was the name of both, how far copies look ahead told them apart."""
     for before, now in (
         ({"algo": "ppo", "ahead": 4}, ("ppo-vine", True)),
@@ -153,3 +154,15 @@ def test_runs_and_policies_of_before_keep_their_meaning():
         recipe = Recipe(**renamed(before))
         assert (recipe.algo, recipe.prepared) == now
     assert set(OTHERWISE) == set(ALGORITHMS)
+    record = {"format": "drillenv-training/1", "timesteps": 5, "recipe": {"algo": "ppo", "ahead": 3, "lstm": 8}}
+    (tmp_path / "config.json").write_text(json.dumps(record), encoding="utf-8")
+    recipe, steps = read_config(tmp_path)
+    assert (recipe.algo, recipe.ahead, recipe.lstm, recipe.prepared, steps) == ("ppo-vine", 3, 8, True, 5)
+    assert row_of(read_policy(SHIPPED)) == "ppo-vine"
+    assert read_policy(SHIPPED).provenance["algorithm"] == "ppo"
+
+
+def test_ppo_on_prepared_rigs_has_numbers_that_go_with_them():
+    recipe = Recipe(algo="ppo", prepared=True)
+    assert recipe.gamma == USUAL["gamma"] and recipe.noise == CRITIC["noise"] and recipe.ahead == 0
+    assert Recipe(algo="ppo").gamma == 0.99

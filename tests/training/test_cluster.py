@@ -9,10 +9,20 @@ from drillenv import controllers
 from drillenv.controllers.policies import actions_of
 from drillenv.training import cluster
 from drillenv.training.learner import Learner
-from drillenv.training.recipe import prepared_ppo
+from drillenv.training.recipe import Recipe
 
-SMALL = prepared_ppo(
-    env="drillenv/Drill-v0", envs=3, stack=2, rollout=8, batch=8, epochs=1, layers=(8, 5), evaluate_every=0, seed=4
+SMALL = Recipe(
+    algo="ppo",
+    prepared=True,
+    env="drillenv/Drill-v0",
+    envs=3,
+    stack=2,
+    rollout=8,
+    batch=8,
+    epochs=1,
+    layers=(8, 5),
+    evaluate_every=0,
+    seed=4,
 )
 
 

@@ -16,7 +16,8 @@ from drillenv.rig import Rig
 from drillenv.training import evaluate as league_command
 from drillenv.training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
 from drillenv.training.evaluate import entries, evaluate, read_record, run_record, write_record
-from drillenv.training.league import REPEATED, summary
+from drillenv.training.league import NEITHER, REPEATED, summary
+from drillenv.training.league_figure import _colours
 from drillenv.training.league_page import main as make_page
 from drillenv.training.league_table import league_table, page_part, statement_text, write_table
 from drillenv.training.measures import MEASURES, measures, recoveries
@@ -269,6 +270,20 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
     assert stated(0.90, 5)["loses_to"] == ["rules"]
 
 
+def test_the_rows_that_neither_learn_nor_see_the_rock():
+    blind = {name for name in controllers.NAMES if not controllers.sees_truth(controllers.make(name))}
+    assert set(NEITHER) == blind - {"learned"}
+
+
+def test_five_runs_of_a_row_of_ones_own_get_a_statement_too():
+    rng = np.random.default_rng(0)
+    oracle = rng.uniform(1.5, 2.0, 40)
+    runs = {"oracle": runs_of(oracle), "rules": runs_of(0.9 * oracle), "mine": runs_of(*[0.95 * oracle] * 5)}
+    made = summary({**runs, "one": runs_of(0.99 * oracle)}, np.zeros(40, dtype=int))
+    assert set(made["statement"]) == {"mine"} and set(made["statement"]["mine"]["differences"]) == {"rules"}
+    assert set(made["rows"]) == {"oracle", "rules", "mine", "one"}
+
+
 def test_the_statement_in_words():
     differences = {"mpc": [-0.012, -0.016, -0.009], "rules": [0.001, -0.002, 0.004], "fixed": [0.3, 0.2, 0.4]}
     found = {
@@ -348,6 +363,10 @@ def test_the_page_and_its_figure_are_made_by_one_command(tmp_path, capsys, monke
         record = read_record(tmp_path / f"{name}.json")
         assert list(record["runs"]) == ["rules", "seeking", "oracle"] and page_part(record) in page
     assert (tmp_path / "degradation.png").stat().st_size > 10_000
+    assert list(_colours({"test": {"summary": {"rows": dict.fromkeys(("fixed", "mine", "rules", "oracle"))}}})) == [
+        "rules",
+        "mine",
+    ]
     # made anew from the records alone
     (tmp_path / "README.md").write_text(places, encoding="utf-8")
     assert make_page([*asked, "--controllers", "none"]) == 0
