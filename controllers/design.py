@@ -46,7 +46,7 @@ from drillenv.rocks import Rock
 
 control = cast(Any, python_control)
 """Its annotations know neither arrays nor what its functions return."""
-DOCS = Path(__file__).parents[1] / "docs" / "controllers"
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "controllers"
 LAGS = np.array([0.25, 0.4, 0.6, 0.8, 1.1])
 """Lags of the cylinder in s for which gains are computed."""
 SLIP = {"force": 0.08, "ratio": 0.2}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -73,7 +74,7 @@ def entries(names: Sequence[str], policies: Sequence[str] = (), trust_pickle: bo
                 if row not in REPEATED:
                     found.setdefault(row, [_run(row)])
             found |= trained
-        elif given in REPEATED:
+        elif given in REPEATED or given in trained:
             if given not in trained:
                 raise InputError(f"controller {given} needs trained policies: give their folders after --policies")
             found[given] = trained[given]
@@ -93,9 +94,11 @@ def _installed() -> list[str]:
 
 
 def row_of(policy: Policy) -> str:
-    """The row of a policy: its algorithm, by the names of drillenv train."""
+    """The row of a policy: its algorithm, by the names of drillenv train, or "learned" where it has no fit name."""
     said = policy.provenance
-    algorithm = str(said.get("algorithm", "learned"))
+    algorithm = str(said.get("algorithm", ""))
+    if algorithm not in REPEATED and (algorithm in ALL or not re.fullmatch(r"[\w.+-][\w .+-]{0,39}", algorithm)):
+        return "learned"
     # before measured advantages had a name of their own, only how far copies of the rigs look ahead told them
     return "ppo-vine" if algorithm == "ppo" and said.get("ahead") else algorithm
 
@@ -107,7 +110,7 @@ def _named(given: str) -> tuple[str, str]:
         row = name = given
     elif not row.strip() or not name.strip():
         raise InputError(f"controller is {shown(given)}: give a controller, or ROW=CONTROLLER")
-    elif row in ALL or row == "all":
+    elif row == "all" or (row in ALL and row not in REPEATED):
         raise InputError(f"controller is {shown(given)}: {row} is a row of the league already; give it another name")
     if any(each in row for each in "|\n`<>"):
         raise InputError(f"controller is {shown(given)}: give ROW=CONTROLLER, with a name that a table can hold")

@@ -192,6 +192,8 @@ def test_in_the_league_and_exported(saved, tmp_path, capsys):
     runs = read_record(tmp_path / "record.json")["runs"]
     assert list(runs) == ["oracle", "td3", files["sac"], "as-exported", "both"] and len(runs["both"]) == 2
     assert runs[files["sac"]][0]["episodes"] == runs["as-exported"][0]["episodes"]
+    assert cli.main(["league", "--controllers", f"sac={files['sac']}", *short, *record]) == 0
+    assert read_record(tmp_path / "record.json")["runs"]["sac"][0]["source"] == files["sac"]
     trusted = ["league", "--trust-pickle", "--controllers", f"unpickled={files['sac']}", *short, *record]
     assert cli.main(trusted) == 0
     runs = read_record(tmp_path / "record.json")["runs"]

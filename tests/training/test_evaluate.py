@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,14 @@ import pytest
 
 from drillenv import cli, controllers
 from drillenv.checks import InputError
+from drillenv.controllers.policies import SHIPPED, read_policy
 from drillenv.env.episodes import rig_array
 from drillenv.env.scenarios import read_scenario
 from drillenv.env.truth import TRUTH, TRUTH_SIZE
 from drillenv.rig import Rig
 from drillenv.training import evaluate as league_command
 from drillenv.training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
-from drillenv.training.evaluate import entries, evaluate, read_record, run_record, write_record
+from drillenv.training.evaluate import entries, evaluate, read_record, row_of, run_record, write_record
 from drillenv.training.league import NEITHER, REPEATED, summary
 from drillenv.training.league_figure import _colours
 from drillenv.training.league_page import main as make_page
@@ -268,6 +270,23 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
     level = stated(0.931, 5)
     assert level["beats"] == [] and level["loses_to"] == [] and not level["reaches_enough"]
     assert stated(0.90, 5)["loses_to"] == ["rules"]
+
+
+@pytest.mark.parametrize(
+    ("provenance", "row"),
+    [
+        ({"algorithm": "ppo", "ahead": 4}, "ppo-vine"),
+        ({"algorithm": "ppo"}, "ppo"),
+        ({"algorithm": "sac"}, "sac"),
+        ({"algorithm": "behaviour cloning of mpc"}, "behaviour cloning of mpc"),
+        ({}, "learned"),
+        ({"algorithm": "rules"}, "learned"),
+        ({"algorithm": "a|b"}, "learned"),
+        ({"algorithm": "all\n"}, "learned"),
+    ],
+)
+def test_the_row_of_a_policy_is_its_algorithm(provenance, row):
+    assert row_of(replace(read_policy(SHIPPED), provenance=provenance)) == row
 
 
 def test_the_rows_that_neither_learn_nor_see_the_rock():
