@@ -30,9 +30,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from drillenv.files import check_writable, whole
-from training.branches import Branches
-from training.learner import Learner
-from training.recipe import Recipe
+from drillenv.training.branches import Branches
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
 
 UPDATES = 8
 """Updates of a round."""
@@ -129,7 +129,7 @@ def main() -> None:
         check_writable(given.json)
     contestants = {
         "drillenv/DrillLayers-v0": drilling(RECIPE),
-        "the same with a critic": drilling(replace(RECIPE, ahead=0)),
+        "the same with a critic": drilling(replace(RECIPE, algo="ppo", ahead=0)),
         "Pendulum-v1": pendulum(),
     }
     rounds: dict[str, list[dict[str, float]]] = {name: [] for name in contestants}

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from controllers.estimate import AMPLITUDE, AT, GAUGE, NOISE, VALVE, Cylinder, inside
+from drillenv.controllers.estimate import AMPLITUDE, AT, GAUGE, NOISE, VALVE, Cylinder, inside
 from drillenv.dynamics.exact import ORIGIN
 from drillenv.env import plant
 from drillenv.env.batch import Batch, Snapshot

@@ -4,7 +4,7 @@ With the linear rock law forces and lengths grow with the drive, so that at a fr
 amplitude decides on the motion, and the forces at 1 V stand for those at any amplitude. The chart is computed once, on
 the plant without noise, at the one frequency that the controllers drill at:
 
-    python -m controllers.chart
+    python -m drillenv.controllers.chart
 
 writes ``controllers/plant_models/chart.npz`` anew (two minutes on two cores).
 """
@@ -74,10 +74,10 @@ def read_chart() -> Chart:
         with np.load(FILE, allow_pickle=False) as data:
             chart = Chart(data["features"].astype(float), data["boundary"].astype(float))
     except (OSError, ValueError, KeyError):
-        raise InputError(f"chart {FILE} cannot be read: make it with python -m controllers.chart") from None
+        raise InputError(f"chart {FILE} cannot be read: make it with python -m drillenv.controllers.chart") from None
     shape = (len(FEATURES), RATIOS.size, LOADING.size, HARDENING.size)
     if chart.features.shape != shape or chart.boundary.shape != shape[2:]:
-        raise InputError(f"chart {FILE} is of another version: make it anew with python -m controllers.chart")
+        raise InputError(f"chart {FILE} is of another version: make it anew with python -m drillenv.controllers.chart")
     return chart
 
 

@@ -1,6 +1,6 @@
 """Design of the scheduled controller: LQI on the identified models, its margins, and how it answers a step.
 
-The model (see :mod:`controllers.identify`), for one interval k of length T, with the pressure p at its start:
+The model (see :mod:`drillenv.controllers.identify`), for one interval k of length T, with the pressure p at its start:
 
     p(k+1) = fall p(k) + (1 - fall) v(k)                  fall = exp(-T / lag)
     F(k)   = g_p (c p(k) + (1 - c) v(k)) + g_A A(k)       c = (1 - fall) lag / T
@@ -13,7 +13,7 @@ where P-1-I-1 ends. Both get an integrator by designing for the increments of va
 the discrete Riccati equation gives u = -K z (``control.dlqr``). The valve and the amplitude that were really set are
 the only memory, so that nothing winds up while they are at an end of their range.
 
-    python -m controllers.design
+    python -m drillenv.controllers.design
 
 writes the gains to ``controllers/plant_models/scheduled.json`` and the report to ``docs/controllers/``.
 """
@@ -30,9 +30,9 @@ import control as python_control
 import numpy as np
 from control import StateSpace
 
-from controllers import identify
-from controllers.chart import FREQUENCY, read_chart
-from controllers.scheduled import FILE, SHARE, TARGET, Scheduled
+from drillenv.controllers import identify
+from drillenv.controllers.chart import FREQUENCY, read_chart
+from drillenv.controllers.scheduled import FILE, SHARE, TARGET, Scheduled
 from drillenv.env.batch import Batch
 from drillenv.env.episodes import Episode, one_rock, rig_array
 from drillenv.env.observation import SIZE
@@ -46,7 +46,7 @@ from drillenv.rocks import Rock
 
 control = cast(Any, python_control)
 """Its annotations know neither arrays nor what its functions return."""
-DOCS = Path(__file__).parents[1] / "docs" / "controllers"
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "controllers"
 LAGS = np.array([0.25, 0.4, 0.6, 0.8, 1.1])
 """Lags of the cylinder in s for which gains are computed."""
 SLIP = {"force": 0.08, "ratio": 0.2}
@@ -319,7 +319,7 @@ def rounded(value: Any) -> Any:
 
 def main() -> None:
     """Design, and write the gains and the report."""
-    from controllers.design_report import write_report
+    from drillenv.controllers.design_report import write_report
 
     with whole(FILE) as part:
         part.write_text(json.dumps(gains()) + "\n", encoding="utf-8")

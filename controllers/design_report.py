@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.chart import RATIOS, read_chart
-from controllers.identify import HARDENING
+from drillenv.controllers.chart import RATIOS, read_chart
+from drillenv.controllers.identify import HARDENING
 from drillenv.env.plant import INTERVAL
 from drillenv.files import whole
 
@@ -193,8 +193,9 @@ FIGURES = {
 
 PAGE = """# Design of the scheduled controller
 
-This page, its figures and [design.json](design.json) are written by `python -m controllers.design`, from the models in
-`controllers/plant_models/linear.json`, which `python -m controllers.identify` makes by experiments on the plant.
+This page, its figures and [design.json](design.json) are written by `python -m drillenv.controllers.design`, from the
+models in `controllers/plant_models/linear.json`, which `python -m drillenv.controllers.identify` makes by
+experiments on the plant.
 
 ## The plant, as identified
 
@@ -259,7 +260,8 @@ model, dots the plant itself, without noise.
 ![An episode](episode.png)
 
 The stiffness is estimated from peak forces, impacts, time in contact and penetration of each interval by a bank of
-models (`controllers/estimate.py`), with the chart of settled motions that `python -m controllers.chart` computes. In
-the interval in which the rock changes, both rocks and a fresh, soft face are mixed; the estimate needs one or two
-intervals more. On a change from soft to hard rock the blows are too strong, or double, until the cylinder has emptied.
+models (`controllers/estimate.py`), with the chart of settled motions that `python -m drillenv.controllers.chart`
+computes. In the interval in which the rock changes, both rocks and a fresh, soft face are mixed; the estimate needs one
+or two intervals more. On a change from soft to hard rock the blows are too strong, or double, until the cylinder has
+emptied.
 """

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.chart import FREQUENCY, LOADING, RATIOS, Chart, read_chart
+from drillenv.controllers.chart import FREQUENCY, LOADING, RATIOS, Chart, read_chart
 from drillenv.env.episodes import LAG_RANGE
 from drillenv.env.observation import HIGH, LOW, READINGS
 from drillenv.env.plant import INTERVAL

@@ -9,7 +9,7 @@ import numpy as np
 from drillenv.env.task import action_for
 
 BEST = (120.0, 0.4188, 1.0)
-"""The best fixed setting in Hz, V and bar, by `python -m training.headroom`."""
+"""The best fixed setting in Hz, V and bar, by `python -m drillenv.training.headroom`."""
 
 
 class Fixed:

@@ -15,7 +15,7 @@ and reported as ``memory``, and comes out small. With the linear rock law forces
 
 (Euler's theorem for a homogeneous function); the experiments do not assume it, so it checks them.
 
-    python -m controllers.identify
+    python -m drillenv.controllers.identify
 
 writes ``controllers/plant_models/linear.json`` anew (half a minute on two cores).
 """
@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.chart import FREQUENCY, RATIOS, read_chart
-from controllers.estimate import AMPLITUDE, GAUGE, MEAN_PEAK, RATE, VALVE, Cylinder
+from drillenv.controllers.chart import FREQUENCY, RATIOS, read_chart
+from drillenv.controllers.estimate import AMPLITUDE, GAUGE, MEAN_PEAK, RATE, VALVE, Cylinder
 from drillenv.env.task import action_for
 from drillenv.env.vector import DrillVectorEnv
 from drillenv.files import whole

@@ -7,18 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from controllers.policies import SHIPPED, Policy, actions_of, read_policy
+from drillenv.controllers.policies import SHIPPED, Policy, read_policy
 
 
 class Learned:
     """Acts as the policy it is given: without chance, by the mean of the distribution it was trained with.
 
     Args:
-        policy: The folder of a policy that ``training.export`` wrote, or a policy that was read already; by default the
-            one that ships with the package.
+        policy: The folder of a policy that ``drillenv export`` wrote, a model that Stable-Baselines3
+            saved (a file that ends in .zip), or a policy that was read already; by default the one that ships with the
+            package.
 
     Raises:
-        InputError: the folder holds no policy that can be used, see :func:`controllers.policies.read_policy`.
+        InputError: the folder holds no policy that can be used, see :func:`drillenv.controllers.policies.read_policy`.
     """
 
     sees_truth = False
@@ -48,7 +49,7 @@ class Learned:
             values = values @ weight + bias
             values = np.tanh(values) if policy.activation == "tanh" else np.maximum(values, 0.0)
         weight, bias = self._action
-        return actions_of(values @ weight + bias)
+        return policy.actions(values @ weight + bias)
 
     def _remember(self, values: np.ndarray) -> np.ndarray:
         """A step of the LSTM (Hochreiter and Schmidhuber, 1997, with forget gates); its output."""

@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.belief import Belief
-from controllers.chart import FREQUENCY, RATIOS, read_chart
-from controllers.steady import best_setting
 from drillenv.checks import InputError, count
+from drillenv.controllers.belief import Belief
+from drillenv.controllers.chart import FREQUENCY, RATIOS, read_chart
+from drillenv.controllers.steady import best_setting
 from drillenv.env import plant
 from drillenv.env.batch import Batch, Snapshot
 from drillenv.env.observation import SIZE
@@ -230,7 +230,7 @@ def true_present(rig: Snapshot) -> Present:
 
 
 class Mpc:
-    """Plans on what is believed: the most central of a crowd of nominal plants, see :mod:`controllers.belief`.
+    """Plans on what is believed: the most central of a crowd of nominal plants, see :mod:`drillenv.controllers.belief`.
 
     It sees the readings only. Its plants are those of Table 2.1 without effects, on rocks like those of Table 2.2 or,
     less likely, any other.

@@ -3,15 +3,15 @@
 What it does in each interval:
 
 1. ESTIMATE the pressure, the lag of the cylinder and the rock's stiffness from the readings
-   (:mod:`controllers.estimate`).
+   (:mod:`drillenv.controllers.estimate`).
 2. TRIM: for the estimated rock, the amplitude and the pressure at which the blows have their target and pressure over
    amplitude stays at SHARE of where P-1-I-1 ends.
 3. GO THERE when the rock is new: the valve is set so that the pressure arrives as soon as the cylinder lets it, and the
    amplitude gives the blows their target at the pressure of the moment.
 4. REGULATE once there: increments of valve and amplitude, linear in the deviations of force and of pressure over
-   amplitude from their targets. The gains come from identified models (:mod:`controllers.identify`) by a discrete
-   Riccati equation (:mod:`controllers.design`), for eight stiffnesses and five lags, and are interpolated. As the
-   increments are added to what was really set, nothing winds up at the ends of the ranges.
+   amplitude from their targets. The gains come from identified models (:mod:`drillenv.controllers.identify`) by a
+   discrete Riccati equation (:mod:`drillenv.controllers.design`), for eight stiffnesses and five lags, and are
+   interpolated. As the increments are added to what was really set, nothing winds up at the ends of the ranges.
 5. BACK OFF when blows are not single though the rock is known: a lower SHARE, which recovers slowly.
 
 At run time it needs numbers only: ``controllers/plant_models/scheduled.json``.
@@ -27,8 +27,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.chart import FREQUENCY
-from controllers.estimate import (
+from drillenv.checks import InputError
+from drillenv.controllers.chart import FREQUENCY
+from drillenv.controllers.estimate import (
     AMPLITUDE,
     GAUGE,
     MEAN_PEAK,
@@ -38,7 +39,6 @@ from controllers.estimate import (
     inside,
     is_single,
 )
-from drillenv.checks import InputError
 from drillenv.env.task import RANGES, action_for
 
 FILE = Path(__file__).parent / "plant_models" / "scheduled.json"
@@ -90,7 +90,7 @@ def read_gains() -> Gains:
         if gains.gain.shape != (gains.lag.size, gains.loading.size, 2, 3) or not np.isfinite(gains.gain).all():
             raise ValueError
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(f"gains {FILE} cannot be read: make them with python -m controllers.design") from None
+        raise InputError(f"gains {FILE} cannot be read: make them with python -m drillenv.controllers.design") from None
     return gains
 
 

@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.chart import FREQUENCY
-from controllers.estimate import AMPLITUDE, GAUGE, LARGEST_PEAK, MEAN_PEAK, RATE, inside, is_single
+from drillenv.controllers.chart import FREQUENCY
+from drillenv.controllers.estimate import AMPLITUDE, GAUGE, LARGEST_PEAK, MEAN_PEAK, RATE, inside, is_single
 from drillenv.env.task import RANGES, action_for
 
 START = 2.1

@@ -23,6 +23,7 @@ from drillenv.env.registration import register_environments
 
 if TYPE_CHECKING:
     from drillenv import atlas as atlas
+    from drillenv import controllers as controllers
     from drillenv.atlas import boundary as boundary
     from drillenv.atlas import load_atlas as load_atlas
     from drillenv.atlas import sweep as sweep
@@ -57,6 +58,7 @@ __all__ = [
     "__version__",
     "atlas",
     "boundary",
+    "controllers",
     "diagnose",
     "fit_indentation",
     "groups",
@@ -91,6 +93,8 @@ _HOME = {
     "sweep": "atlas",
 }
 
+_ROOMS = ("atlas", "controllers")
+
 register_environments()
 
 
@@ -98,9 +102,9 @@ def __getattr__(name: str) -> object:
     """Import a public name where it is first used (PEP 562)."""
     if name == "__version__":
         value = _version()
-    elif name == "atlas":
-        # the room itself, in which drillenv.atlas.atlas draws the map: one name cannot be both
-        value = import_module("drillenv.atlas")
+    elif name in _ROOMS:
+        # atlas is the room itself, in which drillenv.atlas.atlas draws the map: one name cannot be both
+        value = import_module(f"drillenv.{name}")
     elif name in _HOME:
         value = getattr(import_module(f"drillenv.{_HOME[name]}"), name)
     else:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import drillenv
 from drillenv.checks import InputError, choice, count, shown
 from drillenv.cli_campaign import add_campaign
+from drillenv.cli_controllers import add_export, add_film, add_league, add_record, add_train
 from drillenv.cli_options import Parser, add_json, plain_number, print_json, whole_number
 from drillenv.corrected import effect_record, read_model
 from drillenv.files import check_writable
@@ -68,8 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except InputError as error:
         return _say(str(error), BAD_INPUT)
-    except KeyboardInterrupt:
-        return _say("interrupted", INTERRUPTED)
+    except KeyboardInterrupt as stopped:
+        return _say(str(stopped) or "interrupted", INTERRUPTED)
     except BrokenPipeError:
         _drop_output()
         return BROKEN_PIPE
@@ -119,6 +120,11 @@ def _parser() -> Parser:
         ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
         ("compare", _add_compare, "what differs between two diagnoses, as before and after a repair"),
         ("prove", _add_prove, "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers"),
+        ("league", add_league, "controllers through the same episodes: what each is worth, and how surely"),
+        ("train", add_train, "train a policy, so that it can be stopped at any moment and go on"),
+        ("export", add_export, "a policy that runs with numpy alone, from a run of training or a saved model"),
+        ("record", add_record, "play of controllers as a dataset of Minari, for offline learning"),
+        ("film", add_film, "an episode as a film: one controller or several beside each other"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
     ):
         command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)

@@ -14,6 +14,16 @@ from drillenv.checks import InputError, shown
 class Parser(argparse.ArgumentParser):
     """A parser whose complaints are InputErrors."""
 
+    fill: Callable[[Parser], None] | None = None
+    """Adds options when the parser is first used: of commands that have to import much to know them."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Add the options that are still to be added, and parse."""
+        fill, self.fill = self.fill, None
+        if fill is not None:
+            fill(self)
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         """Complain in one line."""
         raise InputError(f"{message} (see {self.prog} --help)")

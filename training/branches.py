@@ -21,13 +21,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from controllers.policies import actions_of
+from drillenv.controllers.policies import actions_of
 from drillenv.env.batch import Batch
 from drillenv.env.observation import SIZE
-from training.scaling import scaled
+from drillenv.training.scaling import scaled
 
 if TYPE_CHECKING:
-    from training.sb3 import DrillVecEnv
+    from drillenv.training.sb3 import DrillVecEnv
 
 
 class Branches(VecEnvWrapper):

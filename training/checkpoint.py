@@ -36,7 +36,7 @@ from drillenv.checks import InputError, shown
 from drillenv.env.batch import Snapshot
 from drillenv.env.plant import Plants
 from drillenv.env.scalar import EnvState
-from training.learner import Learner
+from drillenv.training.learner import Learner
 
 FORMAT = "drillenv-checkpoint/1"
 KEPT = 2

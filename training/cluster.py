@@ -1,6 +1,6 @@
 """The same environment on Ray RLlib, for where one machine is too small.
 
-    python -m training.cluster --out DIR [--address local|auto|HOST:PORT] [--runners N] [--timesteps N] [...]
+    python -m drillenv.training.cluster --out DIR [--address local|auto|HOST:PORT] [--runners N] [--timesteps N] [...]
 
 Needs the extra "cluster". ``--address local`` starts a Ray on this machine, ``auto`` takes the one that runs on it, and
 ``HOST:PORT`` (or ray://HOST:10001) that of a cluster, on each of whose machines drillenv with that extra has to be
@@ -27,15 +27,15 @@ import numpy as np
 from gymnasium.vector import VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from controllers.policies import Policy, actions_of, outputs_for, write_policy
 from drillenv.checks import InputError, count, shown
-from drillenv.cli import Parser
+from drillenv.cli_options import Parser
+from drillenv.controllers.policies import Policy, actions_of, outputs_for, write_policy
 from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS, KINDS, STEPS
 from drillenv.env.vector import DrillVectorEnv
-from training.export import policy_of
-from training.recipe import CRITIC, START, Recipe
-from training.scaling import scaled
+from drillenv.training.export import policy_of
+from drillenv.training.recipe import START, Recipe
+from drillenv.training.scaling import scaled
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.ppo import PPO, PPOConfig
@@ -178,8 +178,10 @@ def train(recipe: Recipe, timesteps: int, out: str, address: str = "local", runn
     """
     count("timesteps", timesteps, 1, 10**12)
     count("runners", runners, 0, 10_000)
-    if recipe.algo != "ppo":
-        raise InputError(f"algo is {shown(recipe.algo)}: the cluster trains ppo only")
+    if recipe.algo != "ppo" or not recipe.prepared or recipe.env_kwargs:
+        raise InputError(
+            f"algo is {shown(recipe.algo)}: the cluster trains ppo on prepared rigs without env_kwargs only"
+        )
     try:
         Path(out).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -230,8 +232,8 @@ def _connected(address: str) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, or 2 on bad input."""
-    usual = Recipe(**CRITIC)
-    parser = Parser(prog="python -m training.cluster", description=(__doc__ or "").split("\n")[0])
+    usual = Recipe(algo="ppo", prepared=True)
+    parser = Parser(prog="python -m drillenv.training.cluster", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", required=True, help="folder for the policy")
     parser.add_argument("--address", default="local", help="local, auto or HOST:PORT (default local)")
     parser.add_argument("--runners", type=int, default=1, help="processes that drill, one core each (default 1)")

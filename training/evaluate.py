@@ -1,11 +1,8 @@
 """The league: controllers through the same episodes, what each is worth, and how surely.
 
-    python -m training.evaluate --controllers all --scenario test --json OUT.json --table OUT.md
-    python -m training.evaluate --controllers rules seeking --scenario validation --episodes 10
-
-``--scenario`` is a condition of :mod:`training.conditions` (test, beyond, constants, constants-3, hidden) or any other
-scenario. Runs that the file of ``--json`` holds already stay in it, unless their controller is asked for again; the
-yardstick is run where it is missing. The table is made of the JSON alone.
+A record holds what every run did in every episode of a condition of :mod:`drillenv.training.conditions` (test, beyond,
+constants, constants-3, hidden) or of any other scenario, and a summary of it. Runs that a record holds already stay in
+it, unless their row is asked for again; the yardstick is run where it is missing. Tables are made of the record alone.
 """
 
 from __future__ import annotations
@@ -13,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import sys
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,68 +18,133 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-import controllers
-from controllers import Controller
-from controllers.policies import SHIPPED, WEIGHTS, read_policy
-from drillenv.checks import InputError, choice, count, shown
-from drillenv.cli import Parser
+from drillenv import controllers
+from drillenv.checks import InputError, count, shown
+from drillenv.controllers import Controller
+from drillenv.controllers.policies import DESCRIPTION, SHIPPED, WEIGHTS, Policy, read_policy
+from drillenv.controllers.policies.stable_baselines import Unpickled
 from drillenv.env.registration import STEPS
 from drillenv.env.reward import Reward
-from drillenv.files import check_writable, whole
-from training.conditions import Condition, condition, episodes_of, scenario_of, strata
-from training.league import FORMAT, YARDSTICK, summary
-from training.league_table import league_table, write_table
-from training.measures import MEASURES, measures
-from training.rollout import rollout
+from drillenv.files import whole
+from drillenv.training.conditions import Condition, episodes_of, scenario_of, strata
+from drillenv.training.league import FORMAT, REPEATED, YARDSTICK, summary
+from drillenv.training.measures import MEASURES, measures
+from drillenv.training.rollout import rollout
 
-ALL = (*(name for name in controllers.NAMES if name != "learned"), "shipped", "learned", "learned-recurrent")
-"""Rows of the league: the controllers by their names, the shipped policy, and the policies of several training seeds,
-those with a memory apart."""
+ALL = (*(name for name in controllers.NAMES if name != "learned"), "shipped", *REPEATED)
+"""Rows of the league that this package has: the controllers by their names, the shipped policy, and the policies of
+several training seeds by their algorithms."""
 
 
 class Run(NamedTuple):
     """One controller, or one training seed of one."""
 
     make: Callable[[], Controller]
-    seed: float | None
+    seed: float | None = None
     """Training seed."""
-    policy: str | None
+    policy: str | None = None
     """SHA-256 of the weights."""
+    source: str | None = None
+    """What was asked for, where it is not of this package."""
 
 
-def entries(names: Sequence[str], policies: Sequence[str]) -> dict[str, list[Run]]:
+def entries(names: Sequence[str], policies: Sequence[str] = (), trust_pickle: bool = False) -> dict[str, list[Run]]:
     """The runs of each row that is asked for.
 
     Args:
-        names: Of ALL, or "all": every row that there are policies for.
-        policies: Folders of the policies of the rows "learned" and "learned-recurrent".
+        names: Each is "all" (every row that this package and what is installed beside it can fill), a row of ALL, a
+            controller as :func:`drillenv.controllers.make` takes it, the folder of a policy, or a model that
+            Stable-Baselines3 saved (a file that ends in .zip). All but "all" may be given as ROW=NAME, to name the
+            row; several of one row are its runs, such as training seeds.
+        policies: Folders or files of policies, each a run of the row of its algorithm.
+        trust_pickle: Let Stable-Baselines3 load the models among ``names``, which runs what is pickled in them.
 
     Raises:
-        InputError: no such row, a policy that cannot be read, or none for a row that needs some.
+        InputError: no such row, a controller that cannot be imported or made, a policy that cannot be read, or none
+            for a row that needs some.
     """
-    wanted = list(ALL) if "all" in names else [choice("controller", name, ALL) for name in names]
-    trained = {"learned": [], "learned-recurrent": []}
+    trained: dict[str, list[Run]] = {}
     for folder in policies:
-        trained["learned-recurrent" if read_policy(folder).lstm else "learned"].append(_policy_run(Path(folder)))
+        policy = read_policy(folder)
+        trained.setdefault(row_of(policy), []).append(_policy_run(policy, Path(folder)))
     found: dict[str, list[Run]] = {}
-    for name in dict.fromkeys(wanted):
-        if name == "shipped":
-            found[name] = [_policy_run(SHIPPED)]
-        elif name not in trained:
-            found[name] = [Run(lambda name=name: controllers.make(name), None, None)]
-        elif trained[name]:
-            found[name] = trained[name]
-        elif "all" not in names:
-            raise InputError(f"controller {name} needs trained policies: give their folders after --policies")
+    for given in dict.fromkeys(names):
+        if given == "all":
+            for row in (*ALL, *_installed()):
+                if row not in REPEATED:
+                    found.setdefault(row, [_run(row)])
+            found |= trained
+        elif given in REPEATED or given in trained:
+            if given not in trained:
+                raise InputError(f"controller {given} needs trained policies: give their folders after --policies")
+            found[given] = trained[given]
+        else:
+            row, name = _named(given)
+            found.setdefault(row, []).append(_run(name, trust_pickle))
     return found
 
 
-def _policy_run(folder: Path) -> Run:
-    policy = read_policy(folder)
+def _installed() -> list[str]:
+    """The names of the controllers that other distributions bring."""
+    names = list(controllers.installed())
+    for name in names:
+        if name in ALL:
+            raise InputError(f"an installed distribution brings a controller {name}, a row of the league: uninstall it")
+    return names
+
+
+def row_of(policy: Policy) -> str:
+    """The row of a policy: its algorithm, by the names of drillenv train, or "learned" where it has no fit name."""
+    said = policy.provenance
+    algorithm = str(said.get("algorithm", ""))
+    if algorithm not in REPEATED and (algorithm in ALL or not re.fullmatch(r"[\w.+-][\w .+-]{0,39}", algorithm)):
+        return "learned"
+    # before measured advantages had a name of their own, only how far copies of the rigs look ahead told them
+    return "ppo-vine" if algorithm == "ppo" and said.get("ahead") else algorithm
+
+
+def _named(given: str) -> tuple[str, str]:
+    """The row and the controller of an argument."""
+    row, equals, name = given.partition("=")
+    if not equals:
+        row = name = given
+    elif not row.strip() or not name.strip():
+        raise InputError(f"controller is {shown(given)}: give a controller, or ROW=CONTROLLER")
+    elif row == "all" or (row in ALL and row not in REPEATED):
+        raise InputError(f"controller is {shown(given)}: {row} is a row of the league already; give it another name")
+    if any(each in row for each in "|\n`<>"):
+        raise InputError(f"controller is {shown(given)}: give ROW=CONTROLLER, with a name that a table can hold")
+    return row, name
+
+
+def _run(name: str, trust_pickle: bool = False) -> Run:
+    """One run of a controller, whatever it is; made once, so that what is wrong with it is said before any work."""
+    if name == "shipped":
+        return _policy_run(read_policy(SHIPPED), SHIPPED)
+    if name in controllers.NAMES:
+        if name == "learned":
+            raise InputError("controller is 'learned': give shipped, or the folder of a policy")
+        return Run(lambda: controllers.make(name))
+    if name.lower().endswith(".zip"):
+        if trust_pickle:
+            model = Unpickled(name).model
+            return Run(lambda: Unpickled(model), None, _digest(Path(name)), name)
+        return _policy_run(read_policy(name), Path(name), name)
+    if (Path(name) / DESCRIPTION).is_file():
+        return _policy_run(read_policy(name), Path(name), name)
+    controllers.make(name)
+    return Run(lambda: controllers.make(name), source=name)
+
+
+def _policy_run(policy: Policy, path: Path, source: str | None = None) -> Run:
     seed = policy.provenance.get("seed")
-    digest = hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
     number = None if isinstance(seed, str) else seed
-    return Run(lambda: controllers.make("learned", policy=policy), number, digest)
+    return Run(lambda: controllers.make("learned", policy=policy), number, _digest(path), source)
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of the weights of a policy, or of a model."""
+    return hashlib.sha256((path / WEIGHTS if path.is_dir() else path).read_bytes()).hexdigest()
 
 
 def run_record(run: Run, chosen: Condition, episodes: int, steps: int, threads: int | None) -> dict[str, Any]:
@@ -94,7 +156,10 @@ def run_record(run: Run, chosen: Condition, episodes: int, steps: int, threads: 
         name: [None if math.isnan(value) else value for value in found[name].astype(float).tolist()]
         for name in MEASURES
     }
-    return {"seed": run.seed, "policy": run.policy, "episodes": values}
+    record = {"seed": run.seed, "policy": run.policy, "episodes": values}
+    if run.source is not None:
+        record |= {"source": run.source, "sees_truth": controllers.sees_truth(run.make())}
+    return record
 
 
 def evaluate(
@@ -144,7 +209,7 @@ def evaluate(
         runs = dict(kept["runs"])
     if YARDSTICK in wanted or YARDSTICK not in runs:
         # the first, so that the others can be compared with it
-        wanted = {**entries([YARDSTICK], ()), **wanted}
+        wanted = {**entries([YARDSTICK]), **wanted}
     total = sum(len(each) for each in wanted.values())
     with tqdm(total=total, unit="run", mininterval=1.0, disable=None) as bar:
         for row, each in wanted.items():
@@ -159,8 +224,8 @@ def evaluate(
 
 
 def _complete(head: dict[str, Any], runs: dict[str, Any]) -> dict[str, Any]:
-    """The record, its rows in the order of ALL."""
-    ordered = {row: runs[row] for row in ALL if row in runs}
+    """The record, its rows in the order of ALL, and then those that are not of this package."""
+    ordered = {row: runs[row] for row in (*ALL, *runs) if row in runs}
     return {**head, "runs": ordered, "summary": summary(ordered, np.array(head["strata"]))}
 
 
@@ -185,54 +250,3 @@ def write_record(file: str | Path, record: dict[str, Any]) -> None:
     """Write a record."""
     with whole(file) as part:
         part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def parser() -> Parser:
-    """The options."""
-    made = Parser(prog="python -m training.evaluate", description=(__doc__ or "").split("\n")[0])
-    made.add_argument("--controllers", nargs="+", default=["all"], metavar="NAME", help=f"all, or {', '.join(ALL)}")
-    made.add_argument("--policies", nargs="+", default=[], metavar="DIR", help="policies of the rows learned*")
-    made.add_argument("--scenario", default="test", help="a condition, a frozen set, or a file of one (default test)")
-    made.add_argument("--environment", help="of a scenario that is no condition (default DrillLayers)")
-    made.add_argument("--episodes", type=int, help="the first so many (default all)")
-    made.add_argument("--steps", type=int, help="of each episode (default as registered)")
-    made.add_argument("--threads", type=int, help="threads of the rigs (default all cores)")
-    made.add_argument("--json", help="write the record to this file, after each row; other rows in it stay")
-    made.add_argument("--table", help="write the table to this file, or into its place in a page")
-    return made
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line. Returns the exit code: 0, 2 on bad input, 130 when interrupted."""
-    try:
-        given = parser().parse_args(arguments)
-        chosen = condition(given.scenario, given.environment)
-        wanted = entries(given.controllers, given.policies)
-        threads = None if given.threads is None else count("threads", given.threads, 1, 1024)
-        kept = None
-        for file in (given.json, given.table):
-            if file is not None:
-                check_writable(file)
-        if given.json is not None and Path(given.json).is_file():
-            kept = read_record(given.json)
-
-        def save(record: dict[str, Any]) -> None:
-            if given.json is not None:
-                write_record(given.json, record)
-
-        record = evaluate(wanted, given.scenario, chosen, given.episodes, given.steps, kept, threads, save)
-        save(record)
-        if given.table is not None:
-            write_table(given.table, record)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted: rows that were done are in the file of --json", file=sys.stderr)
-        return 130
-    print(league_table(record))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,46 +1,56 @@
-"""From a training run to a policy that runs with numpy alone.
+"""From a training run, or a model of Stable-Baselines3, to a policy that runs with numpy alone.
 
-    python -m training.export --run DIR --out FOLDER [--which best|last]
-
-The folder then holds policy.safetensors and policy.json, see :mod:`controllers.policies`;
+Its folder holds policy.safetensors and policy.json, see :mod:`drillenv.controllers.policies`;
 ``controllers.make("learned", policy=FOLDER)`` acts by it.
 """
 
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from controllers.policies import Policy, write_policy
 from drillenv.checks import InputError, choice, shown
-from drillenv.cli import Parser
-from training.recipe import Recipe, read_recipe
-from training.scaling import CENTRE, WIDTH
+from drillenv.controllers.policies import ACTIONS, DESCRIPTION, DIRECT, NAMES, Policy, read_policy
+from drillenv.controllers.policies.stable_baselines import PER_LAYER
+from drillenv.training.recipe import OFF_POLICY, Recipe, read_recipe, renamed
+from drillenv.training.scaling import CENTRE, WIDTH
 
-FORMAT = "drillenv-training/1"
+FORMAT, FORMER_FORMAT = "drillenv-training/2", "drillenv-training/1"
 CONFIG = "config.json"
 WHICH = ("best", "last")
 LARGEST_CONFIG = 100_000
 """Bytes; a configuration has some thousand."""
-_PER_LAYER = 2
-"""Stable-Baselines3 numbers its modules: a linear one and its activation for each layer."""
+HEADS = {"sac": ("actor.latent_pi", "actor.mu"), "td3": ("actor.mu", "")}
+"""Where off-policy algorithms keep the layers and the last one; that of TD3 is the last of the layers."""
+ON_POLICY_HEAD = ("mlp_extractor.policy_net", "action_net")
+
+
+def controller_weights(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str, np.ndarray]:
+    """As :func:`weights_of`; nothing where the policy does not see the readings or give settings, as controllers do."""
+    given = recipe.env_kwargs
+    if given.get("actions", "absolute") != "absolute" or given.get("observations", "readings") != "readings":
+        return {}
+    weights = weights_of(parameters, recipe)
+    sizes = weights["action.bias"].size, weights.get("lstm.weight_input", weights["layer0.weight"]).shape[1]
+    return weights if sizes == (len(ACTIONS), recipe.stack * len(NAMES)) else {}
 
 
 def weights_of(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str, np.ndarray]:
-    """What the policy needs of all parameters of a model, by the names of :class:`controllers.policies.Policy`."""
+    """What the policy needs of all parameters of a model, by the names that a Policy has for them."""
     found = {}
     if recipe.algo == "recurrent-ppo":
         found["lstm.weight_input"] = parameters["lstm_actor.weight_ih_l0"]
         found["lstm.weight_hidden"] = parameters["lstm_actor.weight_hh_l0"]
         found["lstm.bias"] = parameters["lstm_actor.bias_ih_l0"] + parameters["lstm_actor.bias_hh_l0"]
-    for i in range(len(recipe.layers)):
-        for part in ("weight", "bias"):
-            found[f"layer{i}.{part}"] = parameters[f"mlp_extractor.policy_net.{_PER_LAYER * i}.{part}"]
-    found |= {f"action.{part}": parameters[f"action_net.{part}"] for part in ("weight", "bias")}
+    layers, head = HEADS.get(recipe.algo, ON_POLICY_HEAD)
+    head = head or f"{layers}.{PER_LAYER * len(recipe.layers)}"
+    for part in ("weight", "bias"):
+        for i in range(len(recipe.layers)):
+            found[f"layer{i}.{part}"] = parameters[f"{layers}.{PER_LAYER * i}.{part}"]
+        found[f"action.{part}"] = parameters[f"{head}.{part}"]
     return {name: np.array(value, dtype=np.float32) for name, value in found.items()}
 
 
@@ -48,24 +58,28 @@ def policy_of(
     weights: Mapping[str, np.ndarray], recipe: Recipe, steps: int, score: float | None, scenario: str = "validation"
 ) -> Policy:
     """The policy with these weights, as one that says where it comes from."""
-    provenance: dict[str, str | float] = {
-        "algorithm": recipe.algo,
-        "ahead": recipe.ahead,
-        "seed": recipe.seed,
-        "steps": steps,
-    }
+    provenance: dict[str, str | float] = {"algorithm": recipe.algo, "seed": recipe.seed, "steps": steps}
+    if recipe.ahead:
+        provenance["ahead"] = recipe.ahead
+    if recipe.algo == "ppo":
+        provenance["rigs"] = "prepared" if recipe.prepared else "as they are"
+    for name in ("env_kwargs", "algo_kwargs"):
+        if getattr(recipe, name):
+            provenance[name] = json.dumps(getattr(recipe, name))
     if score is not None:
         provenance |= {"score": score, "score_unit": "mm/s", "scenario": scenario, "episodes": recipe.episodes}
     return Policy(
         weights=weights,
-        centre=CENTRE,
-        width=WIDTH,
+        centre=CENTRE if recipe.prepared else np.zeros(len(NAMES), dtype=np.float32),
+        width=WIDTH if recipe.prepared else np.ones(len(NAMES), dtype=np.float32),
         layers=recipe.layers,
         lstm=recipe.lstm if recipe.algo == "recurrent-ppo" else 0,
         activation=recipe.activation,
         stack=recipe.stack,
         environment=recipe.env,
         provenance=provenance,
+        outputs=ACTIONS if recipe.prepared else DIRECT,
+        squash="tanh" if recipe.algo in OFF_POLICY else "clip",
     )
 
 
@@ -80,9 +94,12 @@ def read_config(run: Path) -> tuple[Recipe, int]:
         if file.stat().st_size > LARGEST_CONFIG:
             raise InputError(f"{file} has more than {LARGEST_CONFIG} bytes: give the folder of a run")
         record = json.loads(file.read_text(encoding="utf-8"))
-        if not isinstance(record, dict) or record.get("format") != FORMAT:
+        if not isinstance(record, dict) or record.get("format") not in (FORMAT, FORMER_FORMAT):
             raise InputError(f"{file} is not of the format {FORMAT}: give the folder of a run")
-        return read_recipe(record["recipe"]), int(record["timesteps"])
+        recipe = record["recipe"]
+        if record["format"] == FORMER_FORMAT:
+            recipe = renamed(recipe)
+        return read_recipe(recipe), int(record["timesteps"])
     except InputError:
         raise  # a ValueError too
     except OSError as error:
@@ -95,37 +112,25 @@ def exported(run: Path, which: str = "best") -> Policy:
     """The best policy of a run so far by its evaluations, or the last one, from its last checkpoint.
 
     Raises:
-        InputError: no run, no checkpoint yet, or no evaluation yet.
+        InputError: no run, no checkpoint yet, no evaluation yet, or a policy that is none of controllers.
     """
-    from training.checkpoint import latest
-
     choice("which", which, WHICH)
     recipe, _ = read_config(run)
+    if recipe.algo in OFF_POLICY:
+        if not (run / which / DESCRIPTION).is_file():
+            raise InputError(f"{run} has no policy {which} for controllers: train for longer, or use {which}.zip there")
+        return read_policy(run / which)
+    from drillenv.training.checkpoint import latest
+
     checkpoint, _ = latest(run / "checkpoints")
     if checkpoint is None:
         raise InputError(f"{run} has no checkpoint that can be read: train for longer")
+    weights = controller_weights(checkpoint.policy, recipe)
+    if not weights:
+        raise InputError(f"{run} has policies of other actions or observations than controllers: use {which}.zip there")
     if which == "last":
-        return policy_of(weights_of(checkpoint.policy, recipe), recipe, checkpoint.steps, None)
+        return policy_of(weights, recipe, checkpoint.steps, None)
     if not checkpoint.best:
         raise InputError(f"{run} was never evaluated: give --which last, or train it with --evaluate-every")
     notes = checkpoint.record["notes"]
     return policy_of(checkpoint.best, recipe, notes["best_steps"], notes["best_score"])
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line. Returns the exit code: 0, or 2 on bad input."""
-    parser = Parser(prog="python -m training.export", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--run", required=True, help="folder of a training run")
-    parser.add_argument("--out", required=True, help="folder for the policy")
-    parser.add_argument("--which", default="best", help="best (by the evaluations on validation) or last")
-    try:
-        given = parser.parse_args(arguments)
-        write_policy(given.out, exported(Path(given.run), given.which))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,27 +1,20 @@
 """An episode as a film: one controller or several beside each other, through a change of rock.
 
-    python -m training.film --controllers rules learned --out FILM.gif [--episode 3] [--first 20] [--frames 48]
-
 Each frame is a control interval of 0.25 s as ``render()`` draws it.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-import controllers
-from controllers import Controller, OnPlant
-from drillenv.checks import InputError, choice, count
-from drillenv.cli import Parser
+from drillenv.controllers import Controller, OnPlant, sees_truth
 from drillenv.env.plant import INTERVAL
-from drillenv.env.registration import STEPS
 from drillenv.env.scalar import DrillEnv
-from drillenv.files import check_writable, whole
+from drillenv.files import whole
+from drillenv.training.rollout import action_of
 
 BAND = 34
 """Height in pixels of the line above a picture."""
@@ -50,7 +43,7 @@ def pictures(
     env.render()  # the clock of the picture starts with the episode
     made = []
     for step in range(first + frames):
-        action = controller.act(observation, info if controller.sees_truth else {})
+        action = action_of(controller, observation, info if sees_truth(controller) else {})
         observation, _, _, _, info = env.step(action)
         frame = env.render()
         if step >= first and isinstance(frame, np.ndarray):
@@ -96,39 +89,3 @@ def write_film(file: str, pages: Sequence[Image.Image], speed: float = 1.0) -> N
             loop=0,
             optimize=True,
         )
-
-
-def parser() -> Parser:
-    """The options."""
-    made = Parser(prog="python -m training.film", description=(__doc__ or "").split("\n")[0])
-    made.add_argument("--controllers", nargs="+", required=True, help=f"of {', '.join(controllers.NAMES)}")
-    made.add_argument("--out", required=True, help="a file that ends in .gif")
-    made.add_argument("--scenario", default="test", help="a frozen set, or a file of one (default test)")
-    made.add_argument("--episode", type=int, default=0, help="of the scenario (default 0)")
-    made.add_argument("--first", type=int, default=0, help="steps before the first picture (default 0)")
-    made.add_argument("--frames", type=int, default=48, help="pictures, one every 0.25 s (default 48)")
-    made.add_argument("--width", type=int, default=640, help="of each controller's picture in pixels (default 640)")
-    return made
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line. Returns the exit code: 0, 2 on bad input."""
-    try:
-        given = parser().parse_args(arguments)
-        if not given.out.lower().endswith(".gif"):
-            raise InputError(f"--out is {given.out!r}: give a file that ends in .gif")
-        names = [choice("controller", name, tuple(controllers.NAMES)) for name in given.controllers]
-        frames = count("frames", given.frames, 1, STEPS["DrillLayers"])
-        first = count("first", given.first, 0, STEPS["DrillLayers"] - frames)
-        width = count("width", given.width, 64, 1280)
-        check_writable(given.out)
-        take = partial(pictures, scenario=given.scenario, episode=given.episode, first=first, frames=frames)
-        write_film(given.out, beside([take(controllers.make(name), width=width) for name in names], names))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Is the task worth controlling? Random actions, the best fixed setting, rules and an oracle on frozen episodes.
 
-    python -m training.headroom [--environment DrillLayers] [--scenario test] [--json FILE]
+    python -m drillenv.training.headroom [--environment DrillLayers] [--scenario test] [--json FILE]
 
 The best fixed setting is searched on the very episodes it is then judged by, which flatters it.
 """
@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-import controllers
-from controllers import Controller
+from drillenv import controllers
 from drillenv.checks import InputError, choice
-from drillenv.cli import Parser
+from drillenv.cli_options import Parser
+from drillenv.controllers import Controller
 from drillenv.env.registration import KINDS
 from drillenv.env.scenarios import read_scenario
 from drillenv.env.task import RANGES
 from drillenv.env.truth import T_EXCESS, T_RATE, T_STRONG
 from drillenv.files import check_writable, whole
-from training.rollout import Rollout, rollout
+from drillenv.training.rollout import Rollout, rollout
 
 
 def _evenly(control: int) -> np.ndarray:
@@ -135,7 +135,7 @@ def table(record: dict[str, Any]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, 2 on bad input."""
-    parser = Parser(prog="python -m training.headroom", description=(__doc__ or "").split("\n")[0])
+    parser = Parser(prog="python -m drillenv.training.headroom", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--environment", default="DrillLayers", help=f"one of {', '.join(KINDS)}")
     parser.add_argument("--scenario", default="test", help="a frozen set, or a file of one")
     parser.add_argument("--json", help="write the record to this file")

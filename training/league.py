@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from training.measures import MEASURES
-from training.statistics import Draws, Interval, chance, draws, interval, iqm, resampled
+from drillenv.training.measures import MEASURES
+from drillenv.training.statistics import Draws, Interval, chance, draws, interval, iqm, resampled
 
 FORMAT = "drillenv-league/1"
 YARDSTICK = "oracle"
 """What scores are shares of: the planner that knows the rock, which is better than the steady-state oracle."""
-ORACLES = ("oracle", "steady-oracle")
-REPEATED = ("learned", "learned-recurrent")
-"""The rows of several training seeds."""
-LEARNING = (*REPEATED, "shipped")
+REPEATED = ("ppo-vine", "ppo", "recurrent-ppo", "sac", "td3")
+"""The rows of several training seeds, by their algorithms."""
+NEITHER = ("random", "fixed", "rules", "scheduled", "seeking", "mpc")
+"""The rows that neither learn nor see the rock."""
 ENOUGH = 0.95
 """Share of the yardstick that learning is to reach."""
 SEEDS = 5
@@ -79,16 +79,16 @@ def _mean(values: np.ndarray, drawn: Draws) -> list[float | None]:
 def statement(
     shares: Mapping[str, np.ndarray], share_draws: Mapping[str, np.ndarray], drawn: Draws
 ) -> dict[str, dict[str, Any]]:
-    """For each row of several seeds: does it beat those that neither learn nor see the rock, and is it good enough?
+    """For each row of several seeds: does it beat NEITHER, and is it good enough?
 
     ``differences`` to the others, the best of them first, are those of the interquartile means, with intervals from
     pairs of resamples. That the best of them is the best on these very episodes flatters it.
     """
-    others = [name for name in shares if name not in (*ORACLES, *LEARNING)]
-    others.sort(key=lambda name: -iqm(shares[name]))
+    others = sorted((name for name in NEITHER if name in shares), key=lambda name: -iqm(shares[name]))
     found = {}
-    for name in REPEATED:
-        if name not in shares or not others:
+    for name in shares if others else ():
+        # rows that are not of this package count where their seeds are enough for a statement
+        if name not in REPEATED and (name in NEITHER or len(shares[name]) < SEEDS):
             continue
         mean, enough_seeds = iqm(shares[name]), len(shares[name]) >= SEEDS
         differences = {

@@ -16,11 +16,17 @@ SHOWN = {
     "scheduled": "#0072b2",
     "seeking": "#009e73",
     "mpc": "#7a5195",
-    "learned": "#d55e00",
-    "learned-recurrent": "#8c2d04",
+    "ppo-vine": "#d55e00",
+    "ppo": "#cc79a7",
+    "recurrent-ppo": "#8c2d04",
+    "sac": "#56b4e9",
+    "td3": "#999999",
 }
-"""The rows in the figure and their colours; the shipped policy stands in where there are no learned rows."""
-STAND_IN, STAND_IN_COLOUR = "shipped", "#d55e00"
+"""The rows in the figure and their colours; the shipped policy stands in where there are no rows of its algorithm."""
+STAND_IN, STAND_IN_FOR = "shipped", "ppo-vine"
+LEFT_OUT = ("random", "fixed", "steady-oracle", "oracle", STAND_IN)
+"""Rows that the figure has no room for; those that are not of this package have one of OTHERS each."""
+OTHERS = ("#1b7837", "#c51b7d", "#01665e", "#bf812d", "#4d4d4d")
 LABELS = {
     "test": "test",
     "constants": "constants off\nby a lab's error",
@@ -50,10 +56,8 @@ def draw(records: Mapping[str, Mapping[str, Any]], file: str | Path) -> None:
 
     conditions = [name for name in LABELS if name in records]
     if not conditions:
-        raise InputError(f"no record is of one of {', '.join(LABELS)}: make them with python -m training.evaluate")
-    rows = {name: colour for name, colour in SHOWN.items() if _in_any(records, name)}
-    if "learned" not in rows and _in_any(records, STAND_IN):
-        rows[STAND_IN] = STAND_IN_COLOUR
+        raise InputError(f"no record is of one of {', '.join(LABELS)}: make them with drillenv league --json")
+    rows = _colours(records)
     figure = Figure(figsize=(9.5, 8.2), layout="constrained")
     FigureCanvasAgg(figure)
     for panel, (key, title, scale) in zip(figure.subplots(len(PANELS), 1, sharex=True), PANELS, strict=True):
@@ -65,7 +69,7 @@ def draw(records: Mapping[str, Mapping[str, Any]], file: str | Path) -> None:
         if key == "share":
             panel.set_ylim(top=MOST)
             panel.axhline(1.0, color="#404040", lw=0.8, ls="--")
-            panel.legend(ncols=len(rows), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+            panel.legend(ncols=min(len(rows), 7), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         panel.set_xticks(np.arange(len(conditions)), [LABELS[name] for name in conditions])
         panel.tick_params(axis="x", length=0)
     with whole(file) as part:
@@ -86,6 +90,16 @@ def _panel(panel: Any, records: Mapping[str, Any], conditions: list[str], rows: 
         panel.errorbar(x, value, [value - low, high - value], fmt="o", ms=4.5, lw=1.4, color=colour, label=name)
     for i in range(1, len(conditions)):
         panel.axvline(i - 0.5, color="#e3e3e3", lw=0.7)
+
+
+def _colours(records: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """The rows to show and their colours."""
+    rows = {name: colour for name, colour in SHOWN.items() if _in_any(records, name)}
+    if STAND_IN_FOR not in rows and _in_any(records, STAND_IN):
+        rows[STAND_IN] = SHOWN[STAND_IN_FOR]
+    others = dict.fromkeys(name for record in records.values() for name in record["summary"]["rows"])
+    left = [name for name in others if name not in SHOWN and name not in LEFT_OUT]
+    return rows | {name: OTHERS[i % len(OTHERS)] for i, name in enumerate(left)}
 
 
 def _in_any(records: Mapping[str, Mapping[str, Any]], name: str) -> bool:

@@ -1,7 +1,7 @@
 """The whole league: every condition, its record and tables, and the figure of how controllers lose.
 
-    python -m training.league_page --out docs/league --policies DIR DIR DIR DIR DIR
-    python -m training.league_page --out docs/league --controllers rules shipped
+    python -m drillenv.training.league_page --out docs/league --policies DIR DIR DIR DIR DIR
+    python -m drillenv.training.league_page --out docs/league --controllers rules shipped
 
 Writes test.json, beyond.json and so on into the folder, the tables into their places in its README.md, and
 degradation.png. Rows that the records hold already stay, unless they are asked for; with ``--controllers none`` tables
@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from drillenv.checks import InputError, choice, count
-from drillenv.cli import Parser
+from drillenv.cli_options import Parser
 from drillenv.files import check_writable
-from training.conditions import CONDITIONS
-from training.evaluate import ALL, entries, evaluate, read_record, write_record
-from training.league_figure import draw
-from training.league_table import write_table
+from drillenv.training.conditions import CONDITIONS
+from drillenv.training.evaluate import ALL, entries, evaluate, read_record, write_record
+from drillenv.training.league_figure import draw
+from drillenv.training.league_table import write_table
 
 EPISODES = {"beyond": 9, "constants": 9, "constants-3": 9, "hidden": 6}
 """Episodes of a condition, where not all: the planners take some seven seconds for one, the hybrid engine its own."""
@@ -29,10 +29,15 @@ EPISODES = {"beyond": 9, "constants": 9, "constants-3": 9, "hidden": 6}
 
 def parser() -> Parser:
     """The options."""
-    made = Parser(prog="python -m training.league_page", description=(__doc__ or "").split("\n")[0])
+    made = Parser(prog="python -m drillenv.training.league_page", description=(__doc__ or "").split("\n")[0])
     made.add_argument("--out", required=True, help="folder of the league, with its README.md")
-    made.add_argument("--controllers", nargs="+", default=["all"], help=f"none, all, or {', '.join(ALL)}")
-    made.add_argument("--policies", nargs="+", default=[], metavar="DIR", help="policies of the rows learned*")
+    made.add_argument(
+        "--controllers", nargs="+", default=["all"], help=f"none, or as drillenv league: {', '.join(ALL)}, ..."
+    )
+    made.add_argument(
+        "--policies", nargs="+", default=[], metavar="DIR", help="policies, for the rows of their algorithms"
+    )
+    made.add_argument("--trust-pickle", action="store_true", help="as drillenv league")
     made.add_argument("--conditions", nargs="+", default=list(CONDITIONS), help=f"of {', '.join(CONDITIONS)}")
     made.add_argument("--threads", type=int, help="threads of the rigs (default all cores)")
     return made
@@ -43,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given = parser().parse_args(arguments)
         conditions = [choice("condition", name, tuple(CONDITIONS)) for name in given.conditions]
-        wanted = {} if given.controllers == ["none"] else entries(given.controllers, given.policies)
+        asked = given.controllers
+        wanted = {} if asked == ["none"] else entries(asked, given.policies, given.trust_pickle)
         threads = None if given.threads is None else count("threads", given.threads, 1, 1024)
         folder = Path(given.out)
         page, picture = folder / "README.md", folder / "degradation.png"

@@ -8,7 +8,7 @@ from typing import Any
 
 from drillenv.checks import InputError
 from drillenv.files import whole
-from training.league import SEEDS
+from drillenv.training.league import SEEDS
 
 
 def league_table(record: Mapping[str, Any]) -> str:
@@ -23,8 +23,9 @@ def league_table(record: Mapping[str, Any]) -> str:
         row = rows[name]
         value, low, high = row["share"]
         seeds = f" ({row['runs']} seeds)" if row["runs"] > 1 else ""
+        oracle = " (sees the rock)" if record["runs"][name][0].get("sees_truth") else ""
         cells = [
-            f"{name}{seeds}",
+            f"{name}{seeds}{oracle}",
             f"{value:.3f} ({low:.3f} to {high:.3f})",
             _number(row["score"], 3),
             _number(row["penetration_rate"], 2),

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import torch
 from sb3_contrib import RecurrentPPO
-from stable_baselines3 import PPO
+from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor
 
-from controllers.policies import outputs_for
-from training.branches import BranchedPPO, Branches
-from training.recipe import START, Recipe
-from training.sb3 import DrillVecEnv
-from training.scaling import Scaled
+from drillenv.checks import InputError, shown
+from drillenv.controllers.policies import outputs_for
+from drillenv.training.branches import BranchedPPO, Branches
+from drillenv.training.recipe import OFF_POLICY, START, Recipe
+from drillenv.training.sb3 import DrillVecEnv
+from drillenv.training.scaling import CENTRE, Scaled
 
 SLOWEST = 0.02
 """Share of the learning rate that is left after the annealing."""
 MOST_GRADIENT = 0.5
 """Norm to which gradients are clipped."""
+TD3_NOISE = 0.1
+"""Standard deviation of the noise on the actions of TD3, that of its authors (Fujimoto et al., 2018)."""
+SET_HERE = ("policy", "env", "use_sde", "tensorboard_log", "verbose", "_init_setup_model")
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 
 
@@ -31,8 +39,11 @@ class Learner:
     Attributes:
         rigs: The environments themselves.
         monitor: Keeps the statistics of episodes.
-        stacked: Observations as the policy sees them: scaled, and the last ones side by side.
+        stacked: Observations as the policy sees them: scaled where rigs are prepared, and the last ones side by side.
         model: The algorithm.
+
+    Raises:
+        InputError: ``env_kwargs`` or ``algo_kwargs`` are not what the environment or the algorithm takes.
     """
 
     def __init__(self, recipe: Recipe, threads: int | None = None):
@@ -41,10 +52,17 @@ class Learner:
         torch.set_num_threads(1)
         self.recipe = recipe
         self.threads = threads
-        self.rigs = DrillVecEnv(recipe.env, recipe.envs, threads=threads)
+        self.rigs = rigs_of(recipe, recipe.envs, threads)
         self.monitor = VecMonitor(self.rigs)
-        self.stacked = VecFrameStack(Scaled(self.monitor, 1.0 - recipe.gamma), recipe.stack)
         self._left = 1.0
+        if not recipe.prepared:
+            self.stacked = VecFrameStack(self.monitor, recipe.stack)
+            self.model: Any = _plain(recipe, self.stacked)
+            return
+        spaces = self.rigs.observation_space.shape, self.rigs.action_space.shape
+        if spaces != (CENTRE.shape, (len(START),)):
+            raise InputError(f"rigs of {recipe.env} cannot be prepared, they have other readings or controls: take ppo")
+        self.stacked = VecFrameStack(Scaled(self.monitor, 1.0 - recipe.gamma), recipe.stack)
         self.model = self._algorithm()
         head = self.model.policy.action_net
         assert isinstance(head, torch.nn.Linear)
@@ -56,10 +74,7 @@ class Learner:
     def _algorithm(self) -> PPO | RecurrentPPO:
         """Untrained."""
         recipe = self.recipe
-        policy = {
-            "net_arch": list(recipe.layers),
-            "activation_fn": ACTIVATIONS[recipe.activation],
-        }
+        policy = network(recipe)
         common = {
             "learning_rate": lambda _: recipe.learning_rate * max(SLOWEST, self._left),
             "n_steps": recipe.rollout,
@@ -80,13 +95,24 @@ class Learner:
             return BranchedPPO("MlpPolicy", branches, policy_kwargs=policy, vf_coef=0.0, **common)
         return PPO("MlpPolicy", self.stacked, policy_kwargs=policy, **common)
 
+    @property
+    def resumes(self) -> bool:
+        """Whether a checkpoint can hold all that the run needs to go on."""
+        return self.recipe.algo not in OFF_POLICY
+
+    def parameters(self) -> dict[str, np.ndarray]:
+        """All parameters by name, as they stand."""
+        return {name: value.numpy().copy() for name, value in self.model.policy.state_dict().items()}
+
     def anneal(self) -> None:
-        """Set learning rate and noise of the actions for the steps done so far.
+        """Set learning rate and noise of the actions for the steps done so far, where the rigs are prepared.
 
         They go by these steps alone, not by how many are wanted in the end, so that a run that is lengthened is the run
         that was long from the start.
         """
         recipe = self.recipe
+        if not recipe.prepared:
+            return
         steps = self.model.num_timesteps
         self._left = max(0.0, 1.0 - steps / recipe.anneal)
         loud = max(0.0, 1.0 - steps / recipe.noise_anneal)
@@ -97,3 +123,56 @@ class Learner:
     def close(self) -> None:
         """Let the threads of the rigs go."""
         self.rigs.close()
+
+
+def rigs_of(recipe: Recipe, number: int, threads: int | None = None, **arguments: Any) -> DrillVecEnv:
+    """Rigs of a recipe.
+
+    Args:
+        recipe: Which environment, with which arguments.
+        number: How many.
+        threads: Of the rigs; all cores where left out.
+        arguments: Of the environment, in the place of those of the recipe.
+
+    Raises:
+        InputError: the environment does not take these arguments.
+    """
+    try:
+        return DrillVecEnv(recipe.env, number, threads=threads, **{**recipe.env_kwargs, **arguments})
+    except TypeError as error:
+        raise InputError(
+            f"env_kwargs do not fit {recipe.env} ({shown(str(error))}): give what gymnasium.make takes"
+        ) from None
+
+
+def network(recipe: Recipe) -> dict[str, Any]:
+    """The network of a recipe as Stable-Baselines3 takes it."""
+    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation]}
+
+
+def _plain(recipe: Recipe, rigs: VecFrameStack) -> Any:
+    """An algorithm of Stable-Baselines3 as it is, untrained, on rigs as they are."""
+    common = {
+        "learning_rate": recipe.learning_rate,
+        "batch_size": recipe.batch,
+        "gamma": recipe.gamma,
+        "policy_kwargs": network(recipe),
+        "seed": recipe.seed,
+        "device": "cpu",
+    }
+    kind: Callable[..., Any] = {"ppo": PPO, "sac": SAC, "td3": TD3}[recipe.algo]
+    if recipe.algo == "ppo":
+        common |= {"n_steps": recipe.rollout, "n_epochs": recipe.epochs}
+        common |= {"gae_lambda": recipe.gae_lambda, "clip_range": recipe.clip}
+    elif recipe.algo == "td3":
+        size = rigs.action_space.shape or (0,)
+        common["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, TD3_NOISE))
+    for name in recipe.algo_kwargs:
+        if name in common or name in SET_HERE:
+            raise InputError(f"algo_kwargs has {name}, which other options set: leave it out")
+    try:
+        return kind("MlpPolicy", rigs, **common, **recipe.algo_kwargs)
+    except (TypeError, ValueError, AssertionError) as error:
+        raise InputError(
+            f"algo_kwargs do not fit {recipe.algo} ({shown(str(error))}): give what its class in the library takes"
+        ) from None

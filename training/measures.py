@@ -8,7 +8,7 @@ import numpy as np
 
 from drillenv.env.plant import INTERVAL
 from drillenv.env.truth import T_DRIVE, T_EXCESS, T_LAYER, T_MEAN, T_RATE, T_SINGLE
-from training.rollout import Rollout
+from drillenv.training.rollout import Rollout
 
 STRONG = 0.5
 """P-1-I-1 counts where the mean blow has this share of the rating. High pressure has a weak kind of it."""

@@ -2,19 +2,64 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 
-from controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
 from drillenv.checks import InputError, choice, count, number, shown
+from drillenv.controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
 from drillenv.env.registration import IDS
 
-ALGORITHMS = ("ppo", "recurrent-ppo")
+ALGORITHMS: Mapping[str, str] = MappingProxyType(
+    {
+        "ppo-vine": "PPO whose advantages are measured on copies of the rigs",
+        "ppo": "PPO with a critic",
+        "recurrent-ppo": "PPO with a critic and an LSTM",
+        "sac": "SAC",
+        "td3": "TD3",
+    }
+)
+"""The algorithms by name; all but the first are those of Stable-Baselines3 and sb3-contrib as they are."""
+PREPARED = ("ppo-vine", "recurrent-ppo")
+"""Always on prepared rigs: scaled readings, pressure over amplitude as output, noise that is annealed."""
+OFF_POLICY = ("sac", "td3")
+"""They have a buffer of all that they saw, which is too large for checkpoints: no resume."""
 START = (116.5, 0.45, 0.9)
-"""Hz, V and bar that an untrained policy asks for: a careful setting that gives single blows on most rocks."""
+"""Hz, V and bar that an untrained policy on prepared rigs asks for: a careful setting that gives single blows on most
+rocks."""
+TIMESTEPS = {"sac": 100_000, "td3": 100_000}
+"""Steps in all where none are given, in place of USUAL_TIMESTEPS."""
+USUAL_TIMESTEPS = 500_000
+CHECKPOINT_SECONDS = 15.0
+"""Between two checkpoints."""
 MOST_AHEAD = 100
+NOT_ASKED = ("id", "kind", "num_envs", "threads", "autoreset_mode", "vectorization_mode", "render_mode", "info_keys")
+"""Arguments of environments that are not for the user of training."""
+USUAL: Mapping[str, Any] = MappingProxyType(
+    {
+        "prepared": True,
+        "envs": 64,
+        "stack": 4,
+        "rollout": 16,
+        "batch": 256,
+        "epochs": 5,
+        "learning_rate": 1e-3,
+        "noise": (0.2, 0.2, 0.4),
+        "noise_end": (0.015, 0.01, 0.04),
+        "noise_anneal": 300_000,
+        "anneal": 500_000,
+        "ahead": 4,
+        "gamma": 0.7,
+        "gae_lambda": 0.6,
+        "clip": 0.2,
+        "layers": (64, 64),
+        "activation": "tanh",
+        "lstm": 64,
+    }
+)
+"""What is not given, with ppo-vine."""
 CRITIC: Mapping[str, Any] = MappingProxyType(
     {
         "ahead": 0,
@@ -25,52 +70,81 @@ CRITIC: Mapping[str, Any] = MappingProxyType(
         "anneal": 600_000,
     }
 )
-"""What goes with a critic: there the noise has to be large for an action to be told from others."""
+"""What goes with a critic on prepared rigs: there the noise has to be large for an action to be told from others."""
+PLAIN: Mapping[str, Any] = MappingProxyType({"prepared": False, "ahead": 0, "stack": 1, "gamma": 0.99})
+OTHERWISE: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "ppo-vine": {},
+        "recurrent-ppo": {**CRITIC, "stack": 1, "batch": 512},
+        "ppo": {
+            **PLAIN, "envs": 8, "rollout": 256, "batch": 64, "epochs": 10, "learning_rate": 3e-4, "gae_lambda": 0.95,
+        },
+        "sac": {**PLAIN, "envs": 1, "learning_rate": 3e-4, "layers": (256, 256), "activation": "relu"},
+        "td3": {**PLAIN, "envs": 1, "learning_rate": 1e-3, "layers": (400, 300), "activation": "relu"},
+    }
+)  # fmt: skip
+"""What is otherwise with the other algorithms: the numbers of Stable-Baselines3 itself, and, for ppo, its 2048 steps of
+an update shared out among eight rigs."""
 
 
 def option(default: Any, text: str) -> Any:
-    """A field that is an option of the command line too."""
+    """A field that is an option of the command line too; where ``default`` is None, the algorithm decides."""
     return field(default=default, metadata={"help": text})
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """See the help of ``python -m training.train``.
+    """See the help of ``drillenv train``. What is left out is that of the algorithm, see USUAL and OTHERWISE.
 
     Raises:
         InputError: a value is not what it should be, or two of them contradict each other.
     """
 
     env: str = option("drillenv/DrillLayers-v0", f"one of {', '.join(IDS)}")
-    algo: str = option("ppo", f"one of {', '.join(ALGORITHMS)}")
+    env_kwargs: Mapping[str, Any] = option(None, "other arguments of gymnasium.make, as JSON")
+    algo: str = option("ppo-vine", f"one of {', '.join(ALGORITHMS)}")
+    algo_kwargs: Mapping[str, Any] = option(None, "other arguments of the class in Stable-Baselines3, as JSON")
     seed: int = option(0, "of everything random")
-    envs: int = option(64, "rigs that drill at the same time")
-    stack: int = option(4, "observations that the policy sees at once, for the rock is hidden")
-    rollout: int = option(16, "steps of each rig between two updates")
-    batch: int = option(256, "steps of a minibatch")
-    epochs: int = option(5, "passes over the steps of an update")
-    learning_rate: float = option(1e-3, "of Adam, at the start")
+    prepared: bool = option(None, "scaled readings, pressure over amplitude as output, noise that is annealed")
+    envs: int = option(None, "rigs that drill at the same time")
+    stack: int = option(None, "observations that the policy sees at once, for the rock is hidden")
+    rollout: int = option(None, "steps of each rig between two updates")
+    batch: int = option(None, "steps of a minibatch")
+    epochs: int = option(None, "passes over the steps of an update")
+    learning_rate: float = option(None, "of Adam, at the start")
     noise: tuple[float, ...] = option(
-        (0.2, 0.2, 0.4), "standard deviations of frequency, amplitude and pressure over amplitude at the start"
+        None, "standard deviations of frequency, amplitude and pressure over amplitude at the start"
     )
-    noise_end: tuple[float, ...] = option((0.015, 0.01, 0.04), "the same at the end of the annealing")
-    noise_anneal: int = option(300_000, "steps over which the noise goes down; then it stays")
-    anneal: int = option(500_000, "steps over which the learning rate goes down; then it stays")
-    ahead: int = option(4, "intervals over which copies of the rigs measure what an action earns; 0 for a critic")
-    gamma: float = option(0.7, "discount of a control interval, of a critic")
-    gae_lambda: float = option(0.6, "of the generalised advantage estimate of a critic")
-    clip: float = option(0.2, "of the ratio of probabilities")
-    layers: tuple[int, ...] = option((64, 64), "units of each layer, of policy and value alike")
-    activation: str = option("tanh", f"one of {', '.join(ACTIVATIONS)}")
-    lstm: int = option(64, "units of the LSTM of recurrent-ppo")
+    noise_end: tuple[float, ...] = option(None, "the same at the end of the annealing")
+    noise_anneal: int = option(None, "steps over which the noise goes down; then it stays")
+    anneal: int = option(None, "steps over which the learning rate goes down; then it stays")
+    ahead: int = option(None, "intervals over which copies of the rigs measure what an action earns; 0 for a critic")
+    gamma: float = option(None, "discount of a control interval, of a critic")
+    gae_lambda: float = option(None, "of the generalised advantage estimate of a critic")
+    clip: float = option(None, "of the ratio of probabilities")
+    layers: tuple[int, ...] = option(None, "units of each layer, of policy and value alike")
+    activation: str = option(None, f"one of {', '.join(ACTIVATIONS)}")
+    lstm: int = option(None, "units of the LSTM of recurrent-ppo")
     evaluate_every: int = option(20_000, "steps between two evaluations on the scenario validation; 0 for none")
     episodes: int = option(30, "episodes of an evaluation")
 
     def __post_init__(self) -> None:
-        checked = {
+        algo = choice("algo", self.algo, tuple(ALGORITHMS))
+        for name, value in usual(algo, self.prepared).items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        for name, value in self._checked().items():
+            object.__setattr__(self, name, value)
+        self._check_together()
+
+    def _checked(self) -> dict[str, Any]:
+        """Every value, if it is what it should be."""
+        return {
             "env": choice("env", self.env, IDS),
-            "algo": choice("algo", self.algo, ALGORITHMS),
+            "env_kwargs": _env_kwargs(self.env_kwargs),
+            "algo_kwargs": _json_record("algo_kwargs", self.algo_kwargs),
             "seed": count("seed", self.seed, 0, 2**31 - 1),
+            "prepared": choice("prepared", self.prepared, (True, False)),
             "envs": count("envs", self.envs, 1, 4096),
             "stack": count("stack", self.stack, 1, MOST_STACKED),
             "rollout": count("rollout", self.rollout, 2, 65_536),
@@ -91,11 +165,23 @@ class Recipe:
             "evaluate_every": count("evaluate_every", self.evaluate_every, 0, 10**12),
             "episodes": count("episodes", self.episodes, 1, 30),
         }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
-        if self.ahead and self.algo == "recurrent-ppo":
-            raise InputError(f"ahead is {self.ahead}, but the copies of a rig have no memory: give recurrent-ppo 0")
-        if self.batch > self.envs * self.rollout:
+
+    def _check_together(self) -> None:
+        """See that no two values contradict each other."""
+        if self.ahead and self.algo != "ppo-vine":
+            raise InputError(f"ahead is {self.ahead}, but only ppo-vine measures on copies: leave it out, or give 0")
+        if not self.ahead and self.algo == "ppo-vine":
+            raise InputError("ahead is 0, which is a critic: give ppo --prepared for that, or 1 and more for ppo-vine")
+        if self.algo in (OFF_POLICY if self.prepared else PREPARED):
+            state = "prepared" if self.prepared else "not prepared"
+            raise InputError(f"algo is {self.algo} and the rigs are {state}: leave prepared out with it")
+        if self.prepared:
+            for name in ("actions", "observations"):
+                if name in self.env_kwargs:
+                    raise InputError(f"env_kwargs has {name}, which prepared rigs decide: leave it out, or take ppo")
+            if self.algo_kwargs:
+                raise InputError("algo_kwargs go with ppo, sac and td3 on rigs as they are: leave them out")
+        if self.algo not in OFF_POLICY and self.batch > self.envs * self.rollout:
             raise InputError(
                 f"batch is {self.batch}, more than the {self.envs * self.rollout} steps of an update "
                 "(envs times rollout): give a smaller batch or a longer rollout"
@@ -104,11 +190,16 @@ class Recipe:
     @property
     def update(self) -> int:
         """Steps between two updates, all rigs together."""
-        return self.envs * self.rollout
+        return self.envs if self.algo in OFF_POLICY else self.envs * self.rollout
 
     def as_record(self) -> dict[str, Any]:
         """The recipe as JSON takes it."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+
+def usual(algo: str, prepared: bool | None = None) -> dict[str, Any]:
+    """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
+    return {**USUAL, **(CRITIC if algo == "ppo" and prepared is True else OTHERWISE[algo])}
 
 
 def read_recipe(record: object) -> Recipe:
@@ -124,6 +215,33 @@ def read_recipe(record: object) -> Recipe:
         if name not in names:
             raise InputError(f"recipe has {shown(name)}: its names are {', '.join(names)}")
     return Recipe(**record)
+
+
+def renamed(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record of the time when "ppo" was the name of ppo-vine too, and all rigs were prepared."""
+    vine = record.get("algo", "ppo") == "ppo" and record.get("ahead", USUAL["ahead"])
+    return {**record, "prepared": True, **({"algo": "ppo-vine"} if vine else {})}
+
+
+def _env_kwargs(given: object) -> dict[str, Any]:
+    """A copy of the arguments of an environment; what they are worth is seen where it is made."""
+    found = _json_record("env_kwargs", given)
+    for name in found:
+        if name in NOT_ASKED:
+            raise InputError(f"env_kwargs has {name}, which training decides: leave it out")
+    return found
+
+
+def _json_record(name: str, given: object) -> dict[str, Any]:
+    """A copy of a record of JSON, empty where none is given."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+        raise InputError(f'{name} is {shown(given)}: give a record of JSON, such as {{"rock": 4}}')
+    try:
+        return json.loads(json.dumps(dict(given), allow_nan=False))
+    except (TypeError, ValueError, RecursionError):
+        raise InputError(f"{name} is {shown(given)}: give a record that JSON can hold") from None
 
 
 def _noise(name: str, given: object) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from controllers.policies import actions_of
+from drillenv.controllers.policies import actions_of
 from drillenv.env.observation import READINGS
 
 NOISES = 10.0

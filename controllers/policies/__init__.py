@@ -13,6 +13,12 @@ Each reading of an observation is scaled to (reading - centre) / width; the last
 and zeros before the first, go through an LSTM of ``lstm`` units (where that is not 0), then through ``layers``, then
 through a linear layer to three numbers, from -1 for the low end to 1 for the high one: Hz, V and bar/V, see
 :func:`actions_of`.
+
+A policy whose numbers are the actions of the environment themselves has the format drillenv-policy/2, with "pressure"
+in the place of "ratio", from 0.6 to 1.8 bar, and says under "squash" what brings them between -1 and 1: "clip" or
+"tanh".
+
+A model that Stable-Baselines3 saved is read too, see :mod:`drillenv.controllers.policies.stable_baselines`.
 """
 
 from __future__ import annotations
@@ -24,6 +30,7 @@ import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -36,7 +43,7 @@ from drillenv.env.registration import IDS
 from drillenv.env.task import RANGES
 from drillenv.files import whole
 
-FORMAT = "drillenv-policy/1"
+FORMAT, DIRECT_FORMAT = "drillenv-policy/1", "drillenv-policy/2"
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
 LARGEST_WEIGHTS, LARGEST_DESCRIPTION = 16_000_000, 64_000
 """Bytes of the two files; those of two layers of 64 units have some 40 000 and 3 000."""
@@ -45,7 +52,12 @@ MOST_LAYERS, MOST_UNITS, MOST_STACKED = 8, 1024, 64
 ACTIONS = ("frequency", "amplitude", "ratio")
 ACTION_RANGES = np.array([RANGES[0], RANGES[1], [1.3, 3.3]])
 """Hz, V and bar/V. The policy says how much pressure there is to be over the amplitude and not how much, because that
-decides on the motion (see controllers.rules): what a rock bears is then one number at any amplitude."""
+decides on the motion (see drillenv.controllers.rules): what a rock bears is then one number at any amplitude."""
+DIRECT = ("frequency", "amplitude", "pressure")
+"""The numbers of a policy that gives the actions of the environment."""
+OUTPUTS: Mapping[tuple[str, ...], np.ndarray] = MappingProxyType({ACTIONS: ACTION_RANGES, DIRECT: RANGES})
+"""What a policy's numbers may be, and the ranges that -1 to 1 stand for."""
+SQUASHES = ("clip", "tanh")
 NAMES = tuple(reading.name for reading in READINGS)
 MOST_PROVENANCE = 64
 SHIPPED = Path(__file__).parent / "ppo-layers"
@@ -68,6 +80,8 @@ class Policy:
         stack: How many of the last observations are seen at once.
         environment: The id that it was trained on.
         provenance: Texts and numbers for the reader: seed, steps, score and so on.
+        outputs: What the three numbers are: ACTIONS or DIRECT.
+        squash: How they come between -1 and 1: "clip" or, where they are DIRECT, "tanh".
     """
 
     weights: Mapping[str, np.ndarray]
@@ -79,11 +93,21 @@ class Policy:
     stack: int
     environment: str
     provenance: Mapping[str, str | float] = field(default_factory=dict)
+    outputs: tuple[str, ...] = ACTIONS
+    squash: str = "clip"
+
+    def actions(self, numbers: np.ndarray) -> np.ndarray:
+        """Actions (..., 3) float32 of the environments for what the last layer gives, (..., 3)."""
+        if self.outputs == ACTIONS:
+            return actions_of(numbers)
+        squashed = np.tanh(numbers) if self.squash == "tanh" else np.clip(numbers, -1.0, 1.0)
+        return squashed.astype(np.float32)
 
     def as_record(self) -> dict[str, Any]:
         """What ``policy.json`` says, apart from the sum of the weights."""
+        direct = self.outputs == DIRECT
         return {
-            "format": FORMAT,
+            "format": DIRECT_FORMAT if direct else FORMAT,
             "environment": self.environment,
             "network": {"activation": self.activation, "lstm": self.lstm, "layers": list(self.layers)},
             "observation": {
@@ -93,9 +117,10 @@ class Policy:
                 "stack": self.stack,
             },
             "action": {
-                "names": list(ACTIONS),
-                "low": ACTION_RANGES[:, 0].tolist(),
-                "high": ACTION_RANGES[:, 1].tolist(),
+                "names": list(self.outputs),
+                "low": OUTPUTS[self.outputs][:, 0].tolist(),
+                "high": OUTPUTS[self.outputs][:, 1].tolist(),
+                **({"squash": self.squash} if direct else {}),
             },
             "provenance": dict(self.provenance),
         }
@@ -151,7 +176,7 @@ def write_policy(folder: str | Path, policy: Policy) -> None:
 
 
 def read_policy(folder: str | Path) -> Policy:
-    """Read a policy from its folder.
+    """Read a policy from its folder, or from a model that Stable-Baselines3 saved, a file that ends in .zip.
 
     Raises:
         InputError: the files are not there, too large, cut off, of another version, or not what the head of this
@@ -160,6 +185,10 @@ def read_policy(folder: str | Path) -> Policy:
     if not isinstance(folder, str | Path) or "\0" in str(folder) or not str(folder).strip():
         raise InputError(f"policy is {shown(folder)}: give the folder of a policy")
     source = Path(folder)
+    if source.suffix.lower() == ".zip":
+        from drillenv.controllers.policies.stable_baselines import read_model
+
+        return read_model(source)
     record = _parsed(_content(source / DESCRIPTION, LARGEST_DESCRIPTION), source / DESCRIPTION)
     data = _content(source / WEIGHTS, LARGEST_WEIGHTS)
     try:
@@ -191,9 +220,11 @@ def _parsed(data: bytes, file: Path) -> dict[str, Any]:
         record = json.loads(data.decode("utf-8"), parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
         raise InputError(f"policy file {file} is not JSON ({shown(str(error))}): export the policy again") from None
-    if not isinstance(record, dict) or record.get("format") != FORMAT:
+    if not isinstance(record, dict) or record.get("format") not in (FORMAT, DIRECT_FORMAT):
         given = shown(record.get("format")) if isinstance(record, dict) else shown(record)
-        raise InputError(f"policy file {file} has the format {given}: give one of the format {FORMAT!r}")
+        raise InputError(
+            f"policy file {file} has the format {given}: give one of the format {FORMAT!r} or {DIRECT_FORMAT!r}"
+        )
     return record
 
 
@@ -206,13 +237,15 @@ def _policy(record: dict[str, Any], data: bytes) -> Policy:
     _keys("policy", record, ("format", "environment", "network", "observation", "action", "weights", "provenance"))
     network = _keys("network", record["network"], ("activation", "lstm", "layers"))
     seen = _keys("observation", record["observation"], ("names", "centre", "width", "stack"))
-    action = _keys("action", record["action"], ("names", "low", "high"))
+    direct = record["format"] == DIRECT_FORMAT
+    action = _keys("action", record["action"], ("names", "low", "high", *(("squash",) if direct else ())))
     weights = _keys("weights", record["weights"], ("sha256",))
     if seen["names"] != list(NAMES):
         raise InputError(f"observation names are {shown(seen['names'])}: give a policy of these readings")
-    low, high = ACTION_RANGES.T.tolist()
-    if action["names"] != list(ACTIONS) or action["low"] != low or action["high"] != high:
-        raise InputError(f"action is {shown(action)}: give a policy of {', '.join(ACTIONS)} from {low} to {high}")
+    outputs = DIRECT if direct else ACTIONS
+    low, high = OUTPUTS[outputs].T.tolist()
+    if action["names"] != list(outputs) or action["low"] != low or action["high"] != high:
+        raise InputError(f"action is {shown(action)}: give a policy of {', '.join(outputs)} from {low} to {high}")
     if weights["sha256"] != hashlib.sha256(data).hexdigest():
         raise InputError(f"{WEIGHTS} is not the file that {DESCRIPTION} was written with: export the policy again")
     layers = network["layers"]
@@ -231,6 +264,8 @@ def _policy(record: dict[str, Any], data: bytes) -> Policy:
         stack=stack,
         environment=choice("environment", record["environment"], IDS),
         provenance=_provenance(record["provenance"]),
+        outputs=outputs,
+        squash=choice("squash", action["squash"], SQUASHES) if direct else "clip",
     )
 
 

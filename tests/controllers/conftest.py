@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from controllers import OnPlant
+from drillenv.controllers import OnPlant
 from drillenv.env.scalar import DrillEnv
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import controllers
+from drillenv import controllers
 from drillenv.checks import InputError
 from drillenv.env.observation import HIGH, LOW
 from drillenv.env.scalar import DrillEnv

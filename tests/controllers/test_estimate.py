@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-import controllers
-from controllers.belief import Belief
-from controllers.chart import RATIOS, read_chart
-from controllers.estimate import Cylinder, RockEstimate, inside
-from drillenv import Rock, Setting, motion
+from drillenv import Rock, Setting, controllers, motion
+from drillenv.controllers.belief import Belief
+from drillenv.controllers.chart import RATIOS, read_chart
+from drillenv.controllers.estimate import Cylinder, RockEstimate, inside
 from drillenv.env.observation import HIGH, LOW
 from drillenv.env.plant import INTERVAL
 from drillenv.env.scalar import DrillEnv

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import controllers
+from drillenv import controllers
 
 HEADROOM = Path(__file__).parents[2] / "docs" / "environment" / "headroom.json"
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from safetensors.numpy import load, save
 
-import controllers
-from controllers.learned import Learned
-from controllers.policies import DESCRIPTION, WEIGHTS, Policy, read_policy, shapes, write_policy
+from drillenv import controllers
 from drillenv.checks import InputError
+from drillenv.controllers.learned import Learned
+from drillenv.controllers.policies import DESCRIPTION, WEIGHTS, Policy, read_policy, shapes, write_policy
 from drillenv.env.observation import HIGH, LOW
 
 
@@ -141,7 +141,7 @@ def test_a_flipped_bit(folder):
     assert "not the file" in refused(folder)
 
 
-@pytest.mark.parametrize("version", ["drillenv-policy/2", "drillenv-policy/0", None, 1, ["drillenv-policy/1"]])
+@pytest.mark.parametrize("version", ["drillenv-policy/3", "drillenv-policy/0", None, 1, ["drillenv-policy/1"]])
 def test_another_version(folder, version):
     described(folder, format=version)
     assert "'drillenv-policy/1'" in refused(folder)
@@ -308,17 +308,17 @@ def test_the_shipped_one_is_that_of_the_package(folder, tmp_path, monkeypatch):
 
 def test_needs_no_torch():
     code = (
-        "import sys, numpy as np, controllers\n"
+        "import sys, numpy as np\nfrom drillenv import controllers\n"
         "driver = controllers.make('learned')\n"
         "driver.act(np.ones(15, np.float32), {})\n"
-        "assert not {'torch', 'stable_baselines3', 'training'} & set(sys.modules)\n"
+        "assert not {'torch', 'stable_baselines3', 'drillenv.training'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
 @pytest.mark.slow
 def test_the_shipped_policy_is_better_than_the_rules():
-    from training.rollout import rollout
+    from drillenv.training.rollout import rollout
 
     shipped = rollout(lambda: controllers.make("learned"), "DrillLayers", "validation", 8)
     rules = rollout(lambda: controllers.make("rules"), "DrillLayers", "validation", 8)

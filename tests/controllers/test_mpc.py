@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-import controllers
-from controllers.mpc import LAST, Oracle, Planner, steady_plans, true_present
+from drillenv import controllers
 from drillenv.checks import InputError
+from drillenv.controllers.mpc import LAST, Oracle, Planner, steady_plans, true_present
 from drillenv.env import plant
 from drillenv.env.plant import INTERVAL
 from drillenv.env.reward import Reward

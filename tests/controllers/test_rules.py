@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import controllers
+from drillenv import controllers
 from drillenv.env.scalar import DrillEnv
 from drillenv.env.task import action_for
 

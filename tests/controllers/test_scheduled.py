@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-import controllers
-from controllers import design, identify
-from controllers.estimate import AMPLITUDE, GAUGE, MEAN_PEAK, VALVE
-from controllers.scheduled import SHARE, TARGET, Scheduled, read_gains
-from drillenv import Rock, Setting, motion
+from drillenv import Rock, Setting, controllers, motion
 from drillenv.checks import InputError
+from drillenv.controllers import design, identify
+from drillenv.controllers.estimate import AMPLITUDE, GAUGE, MEAN_PEAK, VALVE
+from drillenv.controllers.scheduled import SHARE, TARGET, Scheduled, read_gains
 from drillenv.env.plant import INTERVAL
 
 MODELS = json.loads(identify.FILE.read_text(encoding="utf-8"))["models"]
@@ -20,7 +19,7 @@ REPORT = json.loads((design.DOCS / "design.json").read_text(encoding="utf-8"))
 
 
 def matrices(row, lag, ratio):
-    """The model of the head of controllers.design, written out from its equations: z(k+1) = A z(k) + B u(k)."""
+    """The model of the head of controllers/design.py, written out from its equations: z(k+1) = A z(k) + B u(k)."""
     fall = math.exp(-INTERVAL / lag)
     early = (1.0 - fall) * lag / INTERVAL
     gain, drive = row["force_pressure"], row["force_amplitude"]
@@ -192,9 +191,9 @@ def test_the_fit_finds_a_plant_that_is_linear():
 def test_gains_that_cannot_be_read_are_said_in_one_line(content, tmp_path, monkeypatch):
     file = tmp_path / "scheduled.json"
     file.write_text(content, encoding="utf-8")
-    monkeypatch.setattr("controllers.scheduled.FILE", file)
+    monkeypatch.setattr("drillenv.controllers.scheduled.FILE", file)
     read_gains.cache_clear()
-    with pytest.raises(InputError, match=r"make them with python -m controllers\.design") as raised:
+    with pytest.raises(InputError, match=r"make them with python -m drillenv.controllers\.design") as raised:
         controllers.make("scheduled")
     assert "\n" not in str(raised.value)
     monkeypatch.undo()

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from controllers.estimate import AMPLITUDE, GAUGE, IMPACTS, LARGEST_PEAK, MEAN_PEAK, RATE
-from controllers.seeking import BOUNDS, Seeking
+from drillenv.controllers.estimate import AMPLITUDE, GAUGE, IMPACTS, LARGEST_PEAK, MEAN_PEAK, RATE
+from drillenv.controllers.seeking import BOUNDS, Seeking
 from drillenv.env.task import RANGES
 
 

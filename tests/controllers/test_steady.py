@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-import controllers
-from controllers.steady import RATIOS, best_setting, response
-from drillenv import Rock, Setting, motion
+from drillenv import Rock, Setting, controllers, motion
+from drillenv.controllers.steady import RATIOS, best_setting, response
 from drillenv.env.reward import Reward
 
 

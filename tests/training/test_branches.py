@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from controllers.policies import actions_of, outputs_for
-from training.branches import Branches
-from training.learner import Learner
-from training.recipe import START, Recipe
+from drillenv.controllers.policies import actions_of, outputs_for
+from drillenv.training.branches import Branches
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import START, Recipe
 
 SMALL = {"env": "drillenv/DrillLayers-v0", "envs": 3, "stack": 2, "rollout": 8, "batch": 8, "layers": (8,), "seed": 5}
 

@@ -12,9 +12,9 @@ import pytest
 import torch
 
 from drillenv.checks import InputError
-from training import checkpoint, train
-from training.learner import Learner
-from training.recipe import Recipe
+from drillenv.training import checkpoint, train
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
 
 TINY = {"env": "drillenv/Drill-v0", "envs": 2, "stack": 2, "rollout": 8, "batch": 8, "epochs": 1, "layers": (8,)}
 RECIPE = Recipe(**TINY, evaluate_every=0)

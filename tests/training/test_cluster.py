@@ -5,14 +5,24 @@ import sys
 import numpy as np
 import pytest
 
-import controllers
-from controllers.policies import actions_of
-from training import cluster
-from training.learner import Learner
-from training.recipe import Recipe
+from drillenv import controllers
+from drillenv.controllers.policies import actions_of
+from drillenv.training import cluster
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
 
 SMALL = Recipe(
-    env="drillenv/Drill-v0", envs=3, stack=2, rollout=8, batch=8, epochs=1, layers=(8, 5), evaluate_every=0, seed=4
+    algo="ppo",
+    prepared=True,
+    env="drillenv/Drill-v0",
+    envs=3,
+    stack=2,
+    rollout=8,
+    batch=8,
+    epochs=1,
+    layers=(8, 5),
+    evaluate_every=0,
+    seed=4,
 )
 
 

@@ -2,26 +2,29 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import controllers
+from drillenv import cli, controllers
 from drillenv.checks import InputError
+from drillenv.controllers.policies import SHIPPED, read_policy
 from drillenv.env.episodes import rig_array
 from drillenv.env.scenarios import read_scenario
 from drillenv.env.truth import TRUTH, TRUTH_SIZE
 from drillenv.rig import Rig
-from training import evaluate as league_command
-from training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
-from training.evaluate import entries, evaluate, read_record, run_record, write_record
-from training.league import summary
-from training.league_page import main as make_page
-from training.league_table import league_table, page_part, statement_text, write_table
-from training.measures import measures, recoveries
-from training.rollout import Rollout, rollout
-from training.statistics import chance, draws, interval, iqm, resampled
+from drillenv.training import evaluate as league_command
+from drillenv.training.conditions import CONDITIONS, condition, episodes_of, scenario_of, strata
+from drillenv.training.evaluate import entries, evaluate, read_record, row_of, run_record, write_record
+from drillenv.training.league import NEITHER, REPEATED, summary
+from drillenv.training.league_figure import _colours
+from drillenv.training.league_page import main as make_page
+from drillenv.training.league_table import league_table, page_part, statement_text, write_table
+from drillenv.training.measures import MEASURES, measures, recoveries
+from drillenv.training.rollout import Rollout, rollout
+from drillenv.training.statistics import chance, draws, interval, iqm, resampled
 
 DOCS = Path(__file__).parents[2] / "docs" / "league"
 TABLES = sorted(DOCS.glob("*.json"))
@@ -34,7 +37,7 @@ def runs_of(*scores):
         {
             "seed": i,
             "policy": None,
-            "episodes": {key: list(each) for key in league_command.MEASURES} | {"score": list(each)},
+            "episodes": {key: list(each) for key in MEASURES} | {"score": list(each)},
         }
         for i, each in enumerate(scores)
     ]
@@ -114,7 +117,7 @@ def drilled(steps=20, **columns):
     truths = np.zeros((1, steps, TRUTH_SIZE))
     for name, values in columns.items():
         truths[0, :, TRUTH.index(name)] = values
-    return Rollout(np.ones((1, steps)), truths, np.zeros((1, steps, 3)))
+    return Rollout(np.ones((1, steps)), truths, np.zeros((1, steps, 3)), np.zeros((1, steps + 1, 15)))
 
 
 def test_the_measures_are_what_they_say():
@@ -195,7 +198,7 @@ def test_an_episode_is_the_same_however_many_are_run():
 @pytest.fixture(scope="module")
 def record():
     """Three cheap rows and the oracle, on two short episodes."""
-    return evaluate(entries(["rules", "fixed"], ()), "validation", condition("validation"), 2, 12, threads=1)
+    return evaluate(entries(["rules", "fixed"]), "validation", condition("validation"), 2, 12, threads=1)
 
 
 def test_a_record_holds_what_each_controller_did(record):
@@ -210,7 +213,7 @@ def test_a_record_holds_what_each_controller_did(record):
 
 
 def test_rows_made_before_stay_and_another_condition_is_refused(record):
-    more = evaluate(entries(["seeking"], ()), "validation", condition("validation"), 2, 12, kept=record, threads=1)
+    more = evaluate(entries(["seeking"]), "validation", condition("validation"), 2, 12, kept=record, threads=1)
     assert list(more["runs"]) == ["fixed", "rules", "seeking", "oracle"]
     assert more["runs"]["rules"] == record["runs"]["rules"]
     with pytest.raises(InputError, match=r"the file of --json has episodes 2, not 1: give another file"):
@@ -219,7 +222,7 @@ def test_rows_made_before_stay_and_another_condition_is_refused(record):
 
 def test_the_record_is_saved_after_each_row():
     saved = []
-    evaluate(entries(["fixed"], ()), "validation", condition("validation"), 1, 3, threads=1, save=saved.append)
+    evaluate(entries(["fixed"]), "validation", condition("validation"), 1, 3, threads=1, save=saved.append)
     assert [list(each["runs"]) for each in saved] == [["oracle"], ["fixed", "oracle"]]
 
 
@@ -255,8 +258,8 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
 
     def stated(level, seeds):
         learned = [oracle * rng.normal(level, 0.01, 40) for _ in range(seeds)]
-        made = summary({"rules": runs_of(rules), "oracle": runs_of(oracle), "learned": runs_of(*learned)}, levels)
-        return made["statement"]["learned"]
+        made = summary({"rules": runs_of(rules), "oracle": runs_of(oracle), "ppo-vine": runs_of(*learned)}, levels)
+        return made["statement"]["ppo-vine"]
 
     good = stated(0.97, 5)
     assert good["beats"] == ["rules"] and good["loses_to"] == [] and good["reaches_enough"]
@@ -269,6 +272,37 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
     assert stated(0.90, 5)["loses_to"] == ["rules"]
 
 
+@pytest.mark.parametrize(
+    ("provenance", "row"),
+    [
+        ({"algorithm": "ppo", "ahead": 4}, "ppo-vine"),
+        ({"algorithm": "ppo"}, "ppo"),
+        ({"algorithm": "sac"}, "sac"),
+        ({"algorithm": "behaviour cloning of mpc"}, "behaviour cloning of mpc"),
+        ({}, "learned"),
+        ({"algorithm": "rules"}, "learned"),
+        ({"algorithm": "a|b"}, "learned"),
+        ({"algorithm": "all\n"}, "learned"),
+    ],
+)
+def test_the_row_of_a_policy_is_its_algorithm(provenance, row):
+    assert row_of(replace(read_policy(SHIPPED), provenance=provenance)) == row
+
+
+def test_the_rows_that_neither_learn_nor_see_the_rock():
+    blind = {name for name in controllers.NAMES if not controllers.sees_truth(controllers.make(name))}
+    assert set(NEITHER) == blind - {"learned"}
+
+
+def test_five_runs_of_a_row_of_ones_own_get_a_statement_too():
+    rng = np.random.default_rng(0)
+    oracle = rng.uniform(1.5, 2.0, 40)
+    runs = {"oracle": runs_of(oracle), "rules": runs_of(0.9 * oracle), "mine": runs_of(*[0.95 * oracle] * 5)}
+    made = summary({**runs, "one": runs_of(0.99 * oracle)}, np.zeros(40, dtype=int))
+    assert set(made["statement"]) == {"mine"} and set(made["statement"]["mine"]["differences"]) == {"rules"}
+    assert set(made["rows"]) == {"oracle", "rules", "mine", "one"}
+
+
 def test_the_statement_in_words():
     differences = {"mpc": [-0.012, -0.016, -0.009], "rules": [0.001, -0.002, 0.004], "fixed": [0.3, 0.2, 0.4]}
     found = {
@@ -279,8 +313,8 @@ def test_the_statement_in_words():
         "beats": ["fixed"],
         "loses_to": ["mpc"],
     }
-    assert statement_text({"summary": {"statement": {"learned": found}}}) == (
-        "- `learned`, 5 training seeds, reaches 95 % of the oracle: 0.970 (0.967 to 0.974). Of those that neither "
+    assert statement_text({"summary": {"statement": {"ppo-vine": found}}}) == (
+        "- `ppo-vine`, 5 training seeds, reaches 95 % of the oracle: 0.970 (0.967 to 0.974). Of those that neither "
         "learn nor see the rock it loses to `mpc` (-0.012, -0.016 to -0.009); it is not surely different from `rules` "
         "(+0.001, -0.002 to +0.004); it beats `fixed` (+0.300, +0.200 to +0.400): differences of the shares, with 95 % "
         "intervals."
@@ -295,8 +329,8 @@ def test_the_statement_in_words():
     [
         (["--controllers", "ruels"], "controller is 'ruels': give one of random, fixed, rules"),
         (
-            ["--controllers", "learned"],
-            "controller learned needs trained policies: give their folders after --policies",
+            ["--controllers", "ppo-vine"],
+            "controller ppo-vine needs trained policies: give their folders after --policies",
         ),
         (["--controllers", "rules", "--policies", "nowhere"], "policy file nowhere"),
         (["--controllers", "rules", "--scenario", "nowhere"], "scenario is 'nowhere': give one of train"),
@@ -305,7 +339,7 @@ def test_the_statement_in_words():
             "environment is 'Dril': give one of",
         ),
         (["--controllers", "rules", "--episodes", "1000"], "episodes is 1000, outside 1 to 60"),
-        (["--controllers", "rules", "--episodes", "many"], "argument --episodes: invalid int value: 'many'"),
+        (["--controllers", "rules", "--episodes", "many"], "argument --episodes: 'many' is not a whole number"),
         (["--controllers", "rules", "--steps", "0"], "steps is 0, outside 1 to 100000"),
         (["--controllers", "rules", "--threads", "0"], "threads is 0, outside 1 to 1024"),
         (["--controllers", "rules", "--json", "/nowhere/at/all.json"], "cannot write '/nowhere/at/all.json'"),
@@ -319,16 +353,16 @@ def test_bad_input_gets_one_line(arguments, said, tmp_path, capsys):
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")
     given = [str(tmp_path / each) if each in files else each for each in arguments]
-    assert league_command.main(given) == 2
+    assert cli.main(["league", *given]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.startswith("error: ") and err.count("\n") == 1
+    assert out == "" and err.startswith("drillenv: ") and err.count("\n") == 1
     assert said in err
 
 
 def test_the_command_writes_record_and_table(tmp_path, capsys):
     files = ["--json", str(tmp_path / "a.json"), "--table", str(tmp_path / "a.md")]
     few = ["--episodes", "1", "--steps", "3", "--threads", "1"]
-    assert league_command.main(["--controllers", "fixed", "--scenario", "constants", *few, *files]) == 0
+    assert cli.main(["league", "--controllers", "fixed", "--scenario", "constants", *few, *files]) == 0
     record = read_record(tmp_path / "a.json")
     assert record["condition"] == "constants" and record["errors"] == 1.0
     assert (tmp_path / "a.md").read_text(encoding="utf-8") == page_part(record) + "\n"
@@ -339,7 +373,7 @@ def test_the_page_and_its_figure_are_made_by_one_command(tmp_path, capsys, monke
     names = ("test", "constants")
     places = "".join(f"<!-- league {name} -->\n<!-- end league {name} -->\n" for name in names)
     (tmp_path / "README.md").write_text(places, encoding="utf-8")
-    monkeypatch.setattr("training.league_page.EPISODES", dict.fromkeys(names, 1))
+    monkeypatch.setattr("drillenv.training.league_page.EPISODES", dict.fromkeys(names, 1))
     monkeypatch.setitem(league_command.STEPS, "DrillLayers", 3)
     asked = ["--out", str(tmp_path), "--conditions", *names, "--threads", "1"]
     assert make_page([*asked, "--controllers", "rules", "seeking"]) == 0
@@ -348,6 +382,10 @@ def test_the_page_and_its_figure_are_made_by_one_command(tmp_path, capsys, monke
         record = read_record(tmp_path / f"{name}.json")
         assert list(record["runs"]) == ["rules", "seeking", "oracle"] and page_part(record) in page
     assert (tmp_path / "degradation.png").stat().st_size > 10_000
+    assert list(_colours({"test": {"summary": {"rows": dict.fromkeys(("fixed", "mine", "rules", "oracle"))}}})) == [
+        "rules",
+        "mine",
+    ]
     # made anew from the records alone
     (tmp_path / "README.md").write_text(places, encoding="utf-8")
     assert make_page([*asked, "--controllers", "none"]) == 0
@@ -378,24 +416,24 @@ def test_the_page_says_what_the_record_holds(file):
 def test_the_policies_of_the_learned_rows_are_kept():
     for file in TABLES:
         kept = read_record(file)["runs"]
-        for name, runs in entries(["learned", "learned-recurrent"], POLICIES).items():
+        for name, runs in entries(["ppo-vine", "recurrent-ppo"], POLICIES).items():
             assert [run.policy for run in runs] == [run["policy"] for run in kept[name]]
             assert len({run.seed for run in runs}) == len(runs)
-        assert len(kept["learned"]) == 5
+        assert len(kept["ppo-vine"]) == 5
         # the one that ships is among them
-        assert kept["shipped"][0]["policy"] in [run["policy"] for run in kept["learned"]]
+        assert kept["shipped"][0]["policy"] in [run["policy"] for run in kept["ppo-vine"]]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["random", "fixed", "rules", "scheduled", "seeking", "shipped", "learned", "learned-recurrent"]
+    "name", ["random", "fixed", "rules", "scheduled", "seeking", "shipped", "ppo-vine", "recurrent-ppo"]
 )
 @pytest.mark.parametrize("where", ["test", "beyond", "constants"])
 def test_the_cheap_rows_are_current(name, where):
     record = read_record(DOCS / f"{where}.json")
-    run = entries([name], POLICIES if name.startswith("learned") else ())[name][0]
+    run = entries([name], POLICIES if name in REPEATED else ())[name][0]
     kept = record["runs"][name][0]
-    assert run.policy == kept["policy"], "the policy is another one: run training.league_page again"
+    assert run.policy == kept["policy"], "the policy is another one: run drillenv.training.league_page again"
     made = run_record(run, CONDITIONS[where], 3, record["steps"], threads=1)
     for measure in ("score", "penetration_rate", "single_share"):
         assert made["episodes"][measure] == pytest.approx(kept["episodes"][measure][:3], abs=1e-6), measure

@@ -5,22 +5,23 @@ import json
 import numpy as np
 import pytest
 
-from controllers.learned import Learned
-from controllers.policies import actions_of, outputs_for, read_policy
+from drillenv import cli
+from drillenv.controllers.learned import Learned
+from drillenv.controllers.policies import actions_of, outputs_for, read_policy, write_policy
 from drillenv.env.observation import HIGH, LOW, READINGS
-from training import export, train
-from training.export import policy_of, weights_of
-from training.learner import Learner
-from training.recipe import Recipe
-from training.scaling import CENTRE, NOISES, WIDTH, Scaled, scaled
+from drillenv.training import train
+from drillenv.training.export import policy_of, weights_of
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
+from drillenv.training.scaling import CENTRE, NOISES, WIDTH, Scaled, scaled
 
 SMALL = {"env": "drillenv/Drill-v0", "envs": 2, "rollout": 8, "batch": 8, "epochs": 1, "evaluate_every": 0}
 KINDS = {
     "plain": {"stack": 1, "layers": (16,), "activation": "tanh"},
     "relu": {"stack": 3, "layers": (32, 16, 8), "activation": "relu"},
     "shipped kind": {"stack": 4, "layers": (64, 64), "activation": "tanh"},
-    "recurrent": {"algo": "recurrent-ppo", "ahead": 0, "stack": 1, "layers": (16,), "lstm": 24},
-    "recurrent and stacked": {"algo": "recurrent-ppo", "ahead": 0, "stack": 2, "layers": (16, 16), "lstm": 8},
+    "recurrent": {"algo": "recurrent-ppo", "stack": 1, "layers": (16,), "lstm": 24},
+    "recurrent and stacked": {"algo": "recurrent-ppo", "stack": 2, "layers": (16, 16), "lstm": 8},
 }
 
 
@@ -36,7 +37,7 @@ def test_acts_as_the_original_to_1e_5(learner, tmp_path):
     """Over random observations in a row, with actions inside their bounds and at them."""
     recipe, model = learner.recipe, learner.model
     parameters = {name: value.numpy() for name, value in model.policy.state_dict().items()}
-    export.write_policy(tmp_path, policy_of(weights_of(parameters, recipe), recipe, 0, None))
+    write_policy(tmp_path, policy_of(weights_of(parameters, recipe), recipe, 0, None))
     driver = Learned(tmp_path)
     rng = np.random.default_rng(0)
     clipped = 0
@@ -113,7 +114,7 @@ def test_rewards_and_last_observations_are_scaled():
 @pytest.mark.slow
 def test_the_scaling_is_what_its_table_says():
     """Mean and spread of the readings under the rules and at random settings, over the scenario train."""
-    import controllers
+    from drillenv import controllers
     from drillenv.env.vector import DrillVectorEnv
 
     rows = []
@@ -138,7 +139,7 @@ def test_export_of_a_run(tmp_path, capsys):
     result = train.train(recipe, 96, tmp_path / "run", quiet=True, threads=1)
     for which in ("best", "last"):
         arguments = ["--run", str(tmp_path / "run"), "--out", str(tmp_path / which), "--which", which]
-        assert export.main(arguments) == 0
+        assert cli.main(["export", *arguments]) == 0
         for name in ("policy.safetensors", "policy.json"):
             if which == "last" and name == "policy.json":
                 continue  # the run has scored its last policy, which the checkpoint does not know yet
@@ -156,7 +157,7 @@ def test_export_of_a_run(tmp_path, capsys):
         ["--run", str(tmp_path / "run")],
         ["--run", str(tmp_path / "run"), "--out", "/dev/null/x"],
     ):
-        assert export.main(arguments) == 2
+        assert cli.main(["export", *arguments]) == 2
         said = capsys.readouterr()
-        assert said.out == "" and said.err.startswith("error: ") and said.err.count("\n") == 1
+        assert said.out == "" and said.err.startswith("drillenv: ") and said.err.count("\n") == 1
     assert not (tmp_path / "x").exists()

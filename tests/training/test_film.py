@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import controllers
-from training.film import beside, main, pictures
+from drillenv import cli, controllers
+from drillenv.training.film import beside, pictures
+
+
+def main(arguments):
+    return cli.main(["film", *arguments])
 
 
 @pytest.mark.slow
@@ -50,5 +54,5 @@ def test_bad_input_gets_one_line(arguments, said, tmp_path, monkeypatch, capsys)
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and said in err
+    assert out == "" and err.startswith("drillenv: ") and err.count("\n") == 1 and said in err
     assert not list(tmp_path.iterdir())

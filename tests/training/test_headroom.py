@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from training import headroom
+from drillenv.training import headroom
 
 
 def test_the_search_finds_the_best_of_a_known_landscape(monkeypatch):

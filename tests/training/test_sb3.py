@@ -22,7 +22,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecMonitor, VecNormalize
 
-from training.sb3 import INFO_KEYS, DrillVecEnv
+from drillenv.training.sb3 import INFO_KEYS, DrillVecEnv
 
 LAYERS = "drillenv/DrillLayers-v0"
 each_id = pytest.mark.parametrize("identity", IDS)

@@ -8,18 +8,17 @@ import subprocess
 import sys
 import time
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-import controllers
+from drillenv import cli, controllers
 from drillenv.checks import InputError
-from training import checkpoint, train
-from training.learner import Learner
-from training.recipe import Recipe, read_recipe
-from training.rollout import rollout
+from drillenv.training import checkpoint, train
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe, read_recipe
+from drillenv.training.rollout import rollout
 
 SMALL = {
     "env": "drillenv/Drill-v0",
@@ -33,6 +32,10 @@ SMALL = {
 }
 STEPS = 10 * 32
 """Ten updates; an episode of 80 steps ends in the tenth."""
+
+
+def main(arguments):
+    return cli.main(["train", *arguments])
 
 
 def files(folder):
@@ -58,7 +61,7 @@ def result_of(out, steps):
     "change",
     [
         {},
-        {"stack": 1, "ahead": 0, "gamma": 0.8, "activation": "relu"},
+        {"algo": "ppo", "prepared": True, "stack": 1, "ahead": 0, "gamma": 0.8, "activation": "relu"},
         pytest.param({"algo": "recurrent-ppo", "ahead": 0, "lstm": 8, "stack": 1}, marks=pytest.mark.slow),
         pytest.param(
             {"algo": "recurrent-ppo", "ahead": 0, "lstm": 4, "env": "drillenv/DrillLayers-v0"}, marks=pytest.mark.slow
@@ -92,12 +95,12 @@ def killed_at_random(out, arguments, steps, kills, rng):
     On a busy machine it dies before it has come anywhere, and is killed more often.
     """
     context = get_context("forkserver")
-    context.set_forkserver_preload(["training.train"])
+    context.set_forkserver_preload(["drillenv.training.train"])
     found, checkpoints = [], out / "checkpoints"
     deadline = time.monotonic() + 300
     while not (out / "result.json").exists():
         assert time.monotonic() < deadline
-        process = context.Process(target=train.main, args=([*arguments, "--out", str(out), "--resume"],))
+        process = context.Process(target=cli.main, args=(["train", *arguments, "--out", str(out), "--resume"],))
         process.start()
         if len(found) < kills or len(set(found) - {0}) < 2:
             before = sorted(checkpoints.glob("0*")) if checkpoints.exists() else []
@@ -187,7 +190,7 @@ def test_the_configuration_is_beside_the_result(run):
 def test_resume_needs_no_other_option(run, tmp_path, capsys):
     out = shutil.copytree(run[0], tmp_path / "run")
     (out / "result.json").unlink()
-    assert train.main(["--out", str(out), "--resume", "--quiet", "--threads", "1"]) == 0
+    assert main(["--out", str(out), "--resume", "--quiet", "--threads", "1"]) == 0
     assert f"{STEPS} steps" in capsys.readouterr().out
     assert json.loads((out / "result.json").read_text())["scores"] == run[2]["scores"]
 
@@ -199,7 +202,7 @@ def test_resume_of_a_run_that_was_not_begun(tmp_path):
             out.mkdir()
         recipe = Recipe(**SMALL, evaluate_every=0)
         if start == "configured":
-            train._begin(out, recipe, 64, resume=False)
+            train._begin(out, recipe, 64)
         assert train.train(recipe, 64, out, resume=True, threads=1, quiet=True)["resumed_at"] == 0
 
 
@@ -213,7 +216,7 @@ BAD = {
     "a file": ["--out", "RUN/config.json"],
     "below a file": ["--out", "RUN/config.json/x"],
     "env": ["--out", "OUT", "--env", "CartPole-v1"],
-    "algo": ["--out", "OUT", "--algo", "sac"],
+    "algo": ["--out", "OUT", "--algo", "dqn"],
     "timesteps": ["--out", "OUT", "--timesteps", "0"],
     "timesteps in words": ["--out", "OUT", "--timesteps", "many"],
     "seed": ["--out", "OUT", "--seed", "-1"],
@@ -222,7 +225,7 @@ BAD = {
     "stack": ["--out", "OUT", "--stack", "0"],
     "batch": ["--out", "OUT", "--envs", "2", "--rollout", "8", "--batch", "17"],
     "ahead": ["--out", "OUT", "--ahead", "-1"],
-    "recurrent copies": ["--out", "OUT", "--algo", "recurrent-ppo"],
+    "recurrent copies": ["--out", "OUT", "--algo", "recurrent-ppo", "--ahead", "4"],
     "gamma": ["--out", "OUT", "--gamma", "1.5"],
     "learning rate": ["--out", "OUT", "--learning-rate", "nan"],
     "noise": ["--out", "OUT", "--noise", "0.1", "0", "0.1"],
@@ -242,21 +245,21 @@ def test_bad_input_gives_one_line_and_leaves_all_as_it_was(run, tmp_path, capsys
         part if part.startswith("--") else part.replace("OUT", swaps["OUT"]).replace("RUN", swaps["RUN"])
         for part in BAD[case]
     ]
-    assert train.main(arguments) == 2
+    assert main(arguments) == 2
     said = capsys.readouterr()
-    assert said.out == "" and said.err.startswith("error: ") and said.err.count("\n") == 1 and len(said.err) < 400
+    assert said.out == "" and said.err.startswith("drillenv: ") and said.err.count("\n") == 1 and len(said.err) < 400
     assert {file: file.stat().st_mtime_ns for file in run[0].rglob("*")} == before
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"format": "drillenv-training/2"}', '{"format": "drillenv-training/1"}']
+    "text", ["", "{", "[]", '{"format": "drillenv-training/3"}', '{"format": "drillenv-training/1"}']
 )
 def test_a_damaged_configuration(tmp_path, text, capsys):
     (tmp_path / "config.json").write_text(text)
-    assert train.main(["--out", str(tmp_path), "--resume"]) == 2
+    assert main(["--out", str(tmp_path), "--resume"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("error: ") and said.count("\n") == 1 and "config.json" in said
+    assert said.startswith("drillenv: ") and said.count("\n") == 1 and "config.json" in said
 
 
 def test_a_recipe_refuses_what_it_does_not_know():
@@ -289,9 +292,8 @@ def test_learning_rate_and_noise_go_by_the_steps_done():
 def test_the_command_line(tmp_path):
     """As a process of its own, with its progress bar."""
     options = ["--env", "drillenv/Drill-v0", "--envs", "2", "--rollout", "8", "--batch", "8", "--evaluate-every", "0"]
-    command = [sys.executable, "-m", "training.train", "--out", str(tmp_path / "run"), "--timesteps", "32", *options]
-    root = Path(__file__).parents[2]
-    made = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=root)
+    command = [sys.executable, "-m", "drillenv.cli", "train", "--out", "run", "--timesteps", "32", *options]
+    made = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert "32 steps" in made.stdout and "32/32" in made.stderr and "Warning" not in made.stderr
 

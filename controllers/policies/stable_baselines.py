@@ -1,0 +1,276 @@
+"""Models that Stable-Baselines3 saved (``model.save("model.zip")``), as policies that run with numpy alone.
+
+Such a file holds the parameters as tensors and the rest as JSON in which some values are pickled. Read are the tensors,
+by a loader that makes tensors only, and what the JSON says in plain text: nothing in the file is run. That is enough
+for the MlpPolicy of PPO, A2C, SAC and TD3 on the 15 readings of the environments, or several of them side by side as
+VecFrameStack puts them, with absolute actions. What a VecNormalize kept is in another file, pickled, and is not read.
+
+:class:`Unpickled` is for all else, where one asks for it: it lets Stable-Baselines3 load the file, which runs what is
+pickled in it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import stat
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drillenv.checks import InputError, shown
+from drillenv.controllers.policies import DIRECT, MOST_LAYERS, MOST_STACKED, MOST_UNITS, NAMES, Policy
+
+DATA, TENSORS = "data", "policy.pth"
+LARGEST_DATA, LARGEST_TENSORS = 64_000_000, 64_000_000
+"""Bytes of the two parts of the file."""
+PER_LAYER = 2
+"""Stable-Baselines3 numbers its modules: a linear one and its activation for each layer."""
+SUPPORTED = "an MlpPolicy of PPO, A2C, SAC or TD3"
+ACTIVATIONS = {"torch.nn.modules.activation.Tanh": "tanh", "torch.nn.modules.activation.ReLU": "relu"}
+HARMLESS = {
+    "activation_fn", "clip_mean", "full_std", "log_std_init", "n_critics", "net_arch", "normalize_images",
+    "optimizer_class", "optimizer_kwargs", "ortho_init", "share_features_extractor", "use_expln", "use_sde",
+}  # fmt: skip
+"""Keys of policy_kwargs that do not change what the layers are given or give."""
+
+
+def read_model(file: str | Path, environment: str = "drillenv/DrillLayers-v0") -> Policy:
+    """The policy of a model that Stable-Baselines3 saved.
+
+    Args:
+        file: The zip file.
+        environment: The id that it was trained on, which the file does not say.
+
+    Raises:
+        InputError: it cannot be read, is no such file, or holds another kind of policy.
+    """
+    source = Path(file)
+    data, content = _parts(source)
+    tensors = _tensors(source, content)
+    try:
+        return policy_of(data, tensors, environment)
+    except InputError as error:
+        raise InputError(f"model {source}: {error}") from None
+
+
+def policy_of(data: Mapping[str, Any], tensors: Mapping[str, np.ndarray], environment: str) -> Policy:
+    """The policy in the parameters of a model.
+
+    Args:
+        data: What the file says of the model in JSON.
+        tensors: All parameters by name.
+        environment: The id that it was trained on.
+
+    Raises:
+        InputError: it is not of a kind that is supported.
+    """
+    algorithm, layers, head, squash = _kind(data)
+    _check_plain(data)
+    stack = _stack(data)
+    weights = _layers(tensors, layers, head, stack * len(NAMES))
+    units = tuple(len(weights[f"layer{i}.bias"]) for i in range(len(weights) // 2 - 1))
+    provenance: dict[str, str | float] = {"algorithm": algorithm, "library": "stable-baselines3"}
+    for name, key in (("seed", "seed"), ("steps", "num_timesteps")):
+        if isinstance(data.get(key), int):
+            provenance[name] = data[key]
+    return Policy(
+        weights=weights,
+        centre=np.zeros(len(NAMES), dtype=np.float32),
+        width=np.ones(len(NAMES), dtype=np.float32),
+        layers=units,
+        lstm=0,
+        activation=_activation(data, "tanh" if algorithm in ("ppo", "a2c") else "relu"),
+        stack=stack,
+        environment=environment,
+        provenance=provenance,
+        outputs=DIRECT,
+        squash=squash,
+    )
+
+
+def _parts(source: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON and the tensors of a file, as they are in it."""
+    try:
+        if not stat.S_ISREG(source.stat().st_mode):
+            raise InputError(f"model {source} is no regular file: give a file that model.save wrote")
+        with zipfile.ZipFile(source) as archive:
+            data = _member(archive, source, DATA, LARGEST_DATA)
+            content = _member(archive, source, TENSORS, LARGEST_TENSORS)
+        record = json.loads(data.decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"model {source} cannot be read ({error.strerror or error}): give another file") from None
+    except InputError:
+        raise
+    except (zipfile.BadZipFile, ValueError, RecursionError, NotImplementedError, RuntimeError, EOFError) as error:
+        raise InputError(f"model {source} is damaged ({shown(str(error))}): save the model again") from None
+    if not isinstance(record, dict):
+        raise InputError(f"model {source} says nothing of itself: give a file that model.save wrote")
+    return record, content
+
+
+def _member(archive: zipfile.ZipFile, source: Path, name: str, largest: int) -> bytes:
+    """The bytes of a part of limited size."""
+    try:
+        with archive.open(name) as stream:
+            data = stream.read(largest + 1)
+    except KeyError:
+        raise InputError(f"model {source} has no part {name}: give a file that model.save wrote") from None
+    if len(data) > largest:
+        raise InputError(f"model {source}: its part {name} has more than {largest} bytes: give a smaller model")
+    return data
+
+
+def _tensors(source: Path, content: bytes) -> dict[str, np.ndarray]:
+    """All parameters by name, read by a loader that makes nothing but tensors."""
+    try:
+        import torch
+    except ModuleNotFoundError:
+        raise InputError(
+            f"model {source} needs torch to be read: pip install drillenv[train], or give an exported policy"
+        ) from None
+    try:
+        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        return {str(name): np.array(value.detach().numpy(), dtype=np.float32) for name, value in found.items()}
+    except Exception as error:  # the loader raises what it likes on bytes that are no tensors
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"model {source} holds no plain tensors ({shown(reason)}): save the model again") from None
+
+
+def _kind(data: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    """The algorithm, where its layers and its last layer are, and how what they give is brought between -1 and 1."""
+    described = data.get("policy_class")
+    module = described.get("__module__") if isinstance(described, Mapping) else None
+    if module == "stable_baselines3.common.policies":
+        algorithm = "ppo" if "clip_range" in data else "a2c"
+        return algorithm, "mlp_extractor.policy_net", "action_net", "clip"
+    if module == "stable_baselines3.sac.policies":
+        return "sac", "actor.latent_pi", "actor.mu", "tanh"
+    if module == "stable_baselines3.td3.policies":
+        return "td3", "actor.mu", "", "tanh"
+    raise InputError(f"its policy is of {shown(module)}: give {SUPPORTED}")
+
+
+def _check_plain(data: Mapping[str, Any]) -> None:
+    """See that nothing stands between readings, layers and actions that the file does not state in plain text."""
+    if data.get("use_sde"):
+        raise InputError("it was trained with use_sde: give a model without it")
+    given = data.get("policy_kwargs")
+    keys = set(given) - {":type:", ":serialized:"} if isinstance(given, Mapping) else {shown(given)}
+    if keys - HARMLESS:
+        raise InputError(f"its policy_kwargs have {', '.join(sorted(keys - HARMLESS))}: give {SUPPORTED}")
+    actions = data.get("action_space")
+    if not isinstance(actions, Mapping) or actions.get("_shape") != [len(DIRECT)] or _ends(actions) != ({-1.0}, {1.0}):
+        raise InputError("its actions are not those of the environments: give a model of three actions from -1 to 1")
+
+
+def _ends(space: Mapping[str, Any]) -> tuple[set[float], set[float]]:
+    """The numbers in the texts of the low and high ends of a space."""
+    low, high = (
+        {float(text) for text in re.findall(r"-?\d+\.?\d*", str(space.get(end)))[:MOST_UNITS]}
+        for end in ("low", "high")
+    )
+    return low, high
+
+
+def _stack(data: Mapping[str, Any]) -> int:
+    """How many observations the policy sees side by side."""
+    seen = data.get("observation_space")
+    shape = seen.get("_shape") if isinstance(seen, Mapping) else None
+    size = shape[0] if isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) else 0
+    if size < 1 or size % len(NAMES) or size // len(NAMES) > MOST_STACKED:
+        raise InputError(
+            f"it sees observations of the shape {shown(shape)}: give the {len(NAMES)} readings or a stack of them"
+        )
+    return size // len(NAMES)
+
+
+def _activation(data: Mapping[str, Any], usual: str) -> str:
+    """What follows each layer."""
+    said = data["policy_kwargs"].get("activation_fn")
+    if said is None:
+        return usual
+    match = re.fullmatch(r"<class '([\w.]+)'>", str(said))
+    found = ACTIVATIONS.get(match[1]) if match else None
+    if found is None:
+        raise InputError(f"its activation is {shown(said)}: give a model with {', '.join(ACTIVATIONS)}")
+    return found
+
+
+def _layers(tensors: Mapping[str, np.ndarray], layers: str, head: str, inputs: int) -> dict[str, np.ndarray]:
+    """The weights by the names that a Policy has for them, if they make a network of these inputs and three outputs."""
+    linear = []
+    while f"{layers}.{PER_LAYER * len(linear)}.weight" in tensors and len(linear) <= MOST_LAYERS + 1:
+        linear.append(f"{layers}.{PER_LAYER * len(linear)}")
+    if head:
+        linear.append(head)
+    if not linear or len(linear) > MOST_LAYERS + 1:
+        raise InputError(f"it has {len(linear)} layers: give {SUPPORTED} of 1 to {MOST_LAYERS}")
+    found: dict[str, np.ndarray] = {}
+    for i, name in enumerate(linear):
+        mine = "action" if i == len(linear) - 1 else f"layer{i}"
+        weight, bias = (tensors.get(f"{name}.{part}") for part in ("weight", "bias"))
+        if weight is None or bias is None or weight.ndim != 2 or weight.shape != (bias.size, inputs):
+            raise InputError(f"its layer {name} does not follow on {inputs} numbers: give {SUPPORTED}")
+        if bias.size > MOST_UNITS or not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise InputError(f"its layer {name} has too many units or numbers that are not finite: train it again")
+        found[f"{mine}.weight"], found[f"{mine}.bias"] = weight, bias
+        inputs = bias.size
+    if inputs != len(DIRECT):
+        raise InputError(f"it gives {inputs} numbers: give a model of three actions")
+    return found
+
+
+class Unpickled:
+    """A model of Stable-Baselines3 of any kind, loaded by that library. THE FILE CAN RUN ANY CODE as it is loaded.
+
+    Args:
+        file: The zip file, or a model that was loaded already.
+
+    Raises:
+        InputError: it cannot be read or loaded.
+    """
+
+    sees_truth = False
+
+    def __init__(self, file: str | Path | Any):
+        self.model = _load(Path(file)) if isinstance(file, str | Path) else file
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the episode so far."""
+        self._state: Any = None
+        self._start = np.ones(1, dtype=bool)
+
+    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+        """The action without chance."""
+        action, self._state = self.model.predict(observation, self._state, self._start, deterministic=True)
+        self._start[:] = False
+        return np.asarray(action, dtype=np.float32)
+
+
+def _load(source: Path) -> Any:
+    """The model, with whatever is pickled in its file."""
+    data, _ = _parts(source)
+    try:
+        import sb3_contrib
+        import stable_baselines3
+
+        if "target_entropy" in data:
+            kind: Any = stable_baselines3.SAC
+        elif "policy_delay" in data:
+            kind = stable_baselines3.TD3
+        elif "clip_range" in data:
+            kind = sb3_contrib.RecurrentPPO if "_last_lstm_states" in data else stable_baselines3.PPO
+        else:
+            kind = stable_baselines3.A2C
+        return kind.load(source, device="cpu")
+    except ModuleNotFoundError as error:
+        raise InputError(f"model {source} needs {error.name} to be loaded: pip install drillenv[train]") from None
+    except Exception as error:  # whatever the file makes the library raise
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"model {source} cannot be loaded ({shown(reason)}): give another file") from None
