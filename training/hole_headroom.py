@@ -1,7 +1,7 @@
 """What is there to win in ``DrillBit``? Controllers on frozen holes, and what each action is worth.
 
-    python -m training.hole_headroom --json docs/environment/headroom-bit.json
-    python -m training.hole_headroom --table docs/environment/README.md --json docs/environment/headroom-bit.json
+    python -m drillenv.training.hole_headroom --json docs/environment/headroom-bit.json
+    python -m drillenv.training.hole_headroom --table docs/environment/README.md --json docs/environment/headroom-bit.json
 
 Each row is written to the file when it is done, and not run again if it is there.
 """
@@ -18,17 +18,17 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from controllers import Controller, OnPlant
-from controllers.fixed import Random
-from controllers.hole.oracle import Greedy, HoleOracle
-from controllers.hole.planning import physics_of, settings_grid, solve
-from controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.checks import InputError, count
 from drillenv.cli import Parser
+from drillenv.controllers import Controller, OnPlant
+from drillenv.controllers.fixed import Random
+from drillenv.controllers.hole.oracle import Greedy, HoleOracle
+from drillenv.controllers.hole.planning import physics_of, settings_grid, solve
+from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.env.hole.costs import BIT
 from drillenv.env.hole.task import HoleTask
 from drillenv.files import check_writable, whole
-from training.headroom import RESAMPLES
+from drillenv.training.headroom import RESAMPLES
 
 FORMAT = "drillenv-hole-headroom/1"
 PINNED = ("frequency", "amplitude", "pressure")
@@ -142,7 +142,7 @@ def table(record: dict[str, Any]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, 2 on bad input."""
-    parser = Parser(prog="python -m training.hole_headroom", description=(__doc__ or "").split("\n")[0])
+    parser = Parser(prog="python -m drillenv.training.hole_headroom", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--scenario", default="test", help="a frozen set of holes (default test)")
     parser.add_argument("--episodes", type=int, default=60, help="the first so many (default 60)")
     parser.add_argument("--json", type=Path, required=True, help="the record, which is gone on with where it exists")

@@ -1,7 +1,7 @@
 """Search the numbers of the rules and the fixed setting of ``DrillBit`` on the frozen set "train".
 
-    python -m training.hole_search rules --candidates 400 --json OUT.json
-    python -m training.hole_search fixed --candidates 300 --json OUT.json
+    python -m drillenv.training.hole_search rules --candidates 400 --json OUT.json
+    python -m drillenv.training.hole_search fixed --candidates 300 --json OUT.json
 
 Random candidates first, then changes of the best one. The file is written after each better one.
 """
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from controllers import Controller
-from controllers.hole.rules import HoleFixed, HoleRules, Numbers
+from drillenv.controllers import Controller
+from drillenv.controllers.hole.rules import HoleFixed, HoleRules, Numbers
 from drillenv.env.hole.envs import DrillBitVectorEnv
 from drillenv.env.registration import HOLE_STEPS
 from drillenv.files import whole
@@ -104,7 +104,9 @@ def search(
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m training.hole_search", description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m drillenv.training.hole_search", description=(__doc__ or "").split("\n")[0]
+    )
     parser.add_argument("what", choices=("rules", "fixed"))
     parser.add_argument("--candidates", type=int, default=400)
     parser.add_argument("--episodes", type=int, default=40, help="of the set train")

@@ -7,8 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from controllers.hole.planning import BITS, Physics, cost_to_go, physics_of, rate_settings, settings_grid, solve
 from drillenv.checks import InputError, count
+from drillenv.controllers.hole.planning import (
+    BITS,
+    Physics,
+    cost_to_go,
+    physics_of,
+    rate_settings,
+    settings_grid,
+    solve,
+)
 from drillenv.env.hole import shaker
 from drillenv.env.hole.batch import STEP, HoleBatch, Holes
 from drillenv.env.hole.costs import BIT as BIT_PRICE

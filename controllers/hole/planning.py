@@ -1,7 +1,7 @@
 """Dynamic programming over a whole hole, for one that knows all of it: layers, frame, and strengths of the bits.
 
 The state is the depth, the number of the bit, its wear, and the rise of the coil; the motion is taken as settled
-(:mod:`controllers.hole.settled`), which separates it from the slow states. With all of an episode known nothing is
+(:mod:`drillenv.controllers.hole.settled`), which separates it from the slow states. With all of an episode known nothing is
 random, so that Bellman's equation is solved backwards once, from the bottom of the hole, over a grid:
 
     V(z, k, w, T) = min( change: bit + rate * change_time + V(z, k + 1, 0, 0),
@@ -18,7 +18,18 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from controllers.hole.settled import BLOWS, EIGHTH, FEATURES, FORCE, PEAK, RATE, SINGLE, SQUARES, look_up, read_settled
+from drillenv.controllers.hole.settled import (
+    BLOWS,
+    EIGHTH,
+    FEATURES,
+    FORCE,
+    PEAK,
+    RATE,
+    SINGLE,
+    SQUARES,
+    look_up,
+    read_settled,
+)
 from drillenv.dynamics.flow import INLINE, KERNEL
 from drillenv.env.hole import shaker
 from drillenv.env.hole.bit import CHATTER, EDGE_POWER, FATIGUE, FATIGUE_EXPONENT, LIFE, stiffening
@@ -54,7 +65,7 @@ class Physics(NamedTuple):
     """What of an episode and its task decides on the slow states, for the kernels."""
 
     values: np.ndarray
-    """See :class:`controllers.hole.settled.Settled`."""
+    """See :class:`drillenv.controllers.hole.settled.Settled`."""
     costs: np.ndarray
     layers: np.ndarray
     strengths: np.ndarray

@@ -3,7 +3,7 @@
 With the linear rock law forces and lengths grow with the drive, so that at a frequency only pressure over amplitude
 decides on the motion, and what it does at 1 V stands for any amplitude. Computed once on the plant without noise:
 
-    python -m controllers.hole.settled
+    python -m drillenv.controllers.hole.settled
 
 writes ``controllers/plant_models/settled.npz`` anew (a minute and a half on two cores).
 """
@@ -110,9 +110,13 @@ def read_settled() -> Settled:
         with np.load(FILE, allow_pickle=False) as data:
             values = data["values"].astype(float)
     except (OSError, ValueError, KeyError):
-        raise InputError(f"table {FILE} cannot be read: make it with python -m controllers.hole.settled") from None
+        raise InputError(
+            f"table {FILE} cannot be read: make it with python -m drillenv.controllers.hole.settled"
+        ) from None
     if values.shape != (LOADING.size, HARDENING.size, FREQUENCIES.size, RATIOS.size, FEATURES):
-        raise InputError(f"table {FILE} is of another version: make it with python -m controllers.hole.settled")
+        raise InputError(
+            f"table {FILE} is of another version: make it with python -m drillenv.controllers.hole.settled"
+        )
     return Settled(values)
 
 
