@@ -1,8 +1,8 @@
 """Dynamic programming over a whole hole, for one that knows all of it: layers, frame, and strengths of the bits.
 
 The state is the depth, the number of the bit, its wear, and the rise of the coil; the motion is taken as settled
-(:mod:`drillenv.controllers.hole.settled`), which separates it from the slow states. With all of an episode known nothing is
-random, so that Bellman's equation is solved backwards once, from the bottom of the hole, over a grid:
+(:mod:`drillenv.controllers.hole.settled`), which separates it from the slow states. With all of an episode known
+nothing is random, so that Bellman's equation is solved backwards once, from the bottom of the hole, over a grid:
 
     V(z, k, w, T) = min( change: bit + rate * change_time + V(z, k + 1, 0, 0),
                          drill:  min over settings of the cost of DZ + V(z + DZ, k, w', T') )
