@@ -1,6 +1,6 @@
 """What is there to win in ``DrillBit``? Controllers on frozen holes, and what each action is worth.
 
-    python -m drillenv.training.hole_headroom --json docs/environment/headroom-bit.json --table docs/environment/README.md
+    python -m drillenv.training.hole_headroom --json headroom-bit.json --table docs/environment/README.md
 
 Each row is written to the file when it is done, and not run again if it is there.
 """

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from drillenv.checks import InputError, choice, count, shown
 from drillenv.env.core import TERMS
-from drillenv.env.registration import IDS
+from drillenv.env.registration import HOLE_IDS, IDS
 from drillenv.env.truth import TRUTH
 from drillenv.env.vector import DrillVectorEnv
 
@@ -31,7 +31,8 @@ class DrillVecEnv(VecEnv):
 
     A rig that is done starts its next episode within the same step: the observation is then that episode's first, and
     ``infos[i]["terminal_observation"]`` the last of the one that ended. ``infos[i]["TimeLimit.truncated"]`` says
-    whether the time limit cut it off, the only end that these episodes have, so that algorithms bootstrap there.
+    whether the time limit cut it off, the only end that episodes without a bottom have, so that algorithms bootstrap
+    there.
     Wrap it in VecMonitor for the statistics of episodes.
 
     Args:
@@ -39,8 +40,7 @@ class DrillVecEnv(VecEnv):
         num_envs: Number of rigs.
         info_keys: What of a step's info to pass on, of :data:`INFO_KEYS`.
         threads: Number of threads, by default as many as cores are allowed.
-        arguments: Those of the environment (rock, scenario, model, reward, actions, observations, noise), and
-            max_episode_steps, by default that of the registration.
+        arguments: Those of the environment, and max_episode_steps, by default that of the registration.
 
     Raises:
         InputError: an argument is not what it should be.
@@ -58,7 +58,7 @@ class DrillVecEnv(VecEnv):
             raise InputError(f"info_keys is {shown(info_keys)}: give a list of names, such as ['cost', 'motion']")
         self.info_keys = tuple(choice("info key", key, INFO_KEYS) for key in info_keys)
         made = gym.make_vec(
-            choice("id", id, IDS),
+            choice("id", id, (*IDS, *HOLE_IDS)),
             count("num_envs", num_envs, 1, 1_000_000),
             vectorization_mode="vector_entry_point",
             autoreset_mode=AutoresetMode.SAME_STEP.value,
@@ -88,14 +88,14 @@ class DrillVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (n, 3), each number from -1 to 1, for :meth:`step_wait`."""
+        """Take the actions (n, 3) or (n, 4), each number from -1 to 1, for :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
         """Drill for one interval.
 
         Returns:
-            Observations (n, ...), rewards (n,) float32 in mm/s, which rigs are done (n,), and the infos.
+            Observations (n, ...), rewards (n,) float32 in mm/s or EUR, which rigs are done (n,), and the infos.
 
         Raises:
             InputError: actions of another shape, not finite or outside [-1, 1]; all rigs are left as they were.

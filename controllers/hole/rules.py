@@ -9,8 +9,8 @@
 4. CHANGE the bit when its wear, reckoned from blows and forces as on rock of middling abrasivity, or the loss of
    progress per blow since it was fitted says so; not shortly before the bottom.
 
-The numbers were searched on the frozen set "train" by ``python -m drillenv.training.hole_search``: rule 3's back-off and
-rule 4's loss of progress turned out not to pay.
+The numbers were searched on the frozen set "train" by ``python -m drillenv.training.hole_search``: the back-off of rule
+3 and the loss of progress of rule 4 turned out not to pay.
 """
 
 from __future__ import annotations
