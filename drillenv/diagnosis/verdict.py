@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -243,7 +243,16 @@ def nominal_rig(campaign: Campaign) -> Rig:
     return Rig(*(float(campaign.nominal[name].value or 0.0) for name in NAMES[:6]))
 
 
-def held_out(data: Sequence[Conditioned]) -> set[int]:
+class Startable(Protocol):
+    """A recording of which it is known how it starts."""
+
+    @property
+    def fresh(self) -> bool:
+        """Whether from rest."""
+        ...
+
+
+def held_out(data: Sequence[Startable]) -> set[int]:
     """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign."""
     running = [i for i, each in enumerate(data) if not each.fresh]
     count = len(data) // 4
