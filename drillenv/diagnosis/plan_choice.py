@@ -15,8 +15,10 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.plan_information import Candidate, Survey
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.thresholds import FALSE_ALARMS, RESOLVED
@@ -41,7 +43,7 @@ class Resolution(NamedTuple):
     alone: Floats
     """(signatures,) where nothing else is missing."""
     against: Floats
-    """(signatures, mechanisms) from where it is not taken for that mechanism; infinite for itself."""
+    """(signatures, mechanisms) from where it is not taken for that mechanism, whatever its law; infinite for itself."""
 
     @property
     def hardest(self) -> Floats:
@@ -59,6 +61,7 @@ class Judge:
         self.prior = survey.prior
         self.mechanisms = tuple(dict.fromkeys(each.effect for each in survey.signatures))
         self.of = np.array([self.mechanisms.index(each.effect) for each in survey.signatures])
+        self.rivals = [rival_of(survey, each) for each in self.mechanisms]
         # one test a family, and about as many families as mechanisms
         self.chance = 0.5 * float(chi2.isf(FALSE_ALARMS / len(self.mechanisms), COEFFICIENTS))
 
@@ -73,16 +76,15 @@ class Judge:
         nuisance = total[:known, :known] + np.diag(self.prior)
         nuisance = nuisance + np.diag(1e-12 * np.diag(nuisance))
         left = total[known:, known:] - total[known:, :known] @ np.linalg.solve(nuisance, total[:known, known:])
-        own = np.maximum(np.diag(left), 1e-300)
-        needed = self.needed(chosen)
-        against = np.full((own.size, len(self.mechanisms)), np.inf)
-        for j in range(len(self.mechanisms)):
-            rival = np.flatnonzero(self.of == j)
-            within = left[np.ix_(rival, rival)]
-            within = within + np.diag(1e-9 * np.diag(within) + 1e-300)
-            taken = np.einsum("ij,ji->i", left[:, rival], np.linalg.solve(within, left[rival]))
-            against[:, j] = smallest(own - taken, needed)
-            against[rival, j] = np.inf
+        many = self.of.size
+        own, needed = np.maximum(np.diag(left)[:many], 1e-300), self.needed(chosen)
+        against = np.full((many, len(self.mechanisms)), np.inf)
+        for j, rival in enumerate(self.rivals):
+            against[:, j] = smallest(own - taken_up(left, many, rival.by_any_law), needed)
+            if rival.alike.size:
+                by_equation = smallest(own - taken_up(left, many, rival.by_equation), needed)
+                against[rival.alike, j] = by_equation[rival.alike]
+            against[rival.by_equation, j] = np.inf
         return Resolution(smallest(own, needed), against)
 
     def value(self, chosen: Sequence[int]) -> float:
@@ -95,6 +97,46 @@ class Judge:
         found = self.resolution(chosen)
         worth = -0.5 * (np.log(FAINTEST + found.alone) + np.log(FAINTEST + found.hardest))
         return float(np.mean(np.bincount(self.of, worth) / np.bincount(self.of)))
+
+
+class Rival(NamedTuple):
+    """What a mechanism may be taken for: rows, counted from the first signature on."""
+
+    by_equation: NDArray[np.int64]
+    """The mechanism's own signatures."""
+    by_any_law: NDArray[np.int64]
+    """Those, and the free laws by which a diagnosis tries it."""
+    alike: NDArray[np.int64]
+    """Signatures of other mechanisms that are tried by the same free laws: equations alone tell them apart."""
+
+
+def rival_of(survey: Survey, mechanism: str) -> Rival:
+    """A mechanism as a rival of the others."""
+    names = np.array([each.effect for each in survey.signatures])
+    own, family = np.flatnonzero(names == mechanism), family_of(survey, mechanism)
+    if family is None:
+        return Rival(own, own, own[:0])
+    rows = survey.laws[family][1]
+    free = np.arange(rows.start, rows.stop) - survey.prior.size
+    same = [name for name in dict.fromkeys(names) if name != mechanism and family_of(survey, name) == family]
+    return Rival(own, np.append(own, free), np.flatnonzero(np.isin(names, same)))
+
+
+def family_of(survey: Survey, mechanism: str) -> int | None:
+    """The family of free laws that acts where a mechanism does; None where it has no laws or no family has them."""
+    signature = next(each for each in survey.signatures if each.effect == mechanism)
+    places = {each.place for each in signature.terms if isinstance(each, Curve)}
+    acting = [i for i, (there, _) in enumerate(survey.laws) if places and places <= there]
+    return acting[0] if acting else None
+
+
+def taken_up(left: Floats, many: int, rival: NDArray[np.int64]) -> Floats:
+    """(many,) information of the first rows that is taken up by those of a rival."""
+    within = left[np.ix_(rival, rival)]
+    # by its own size: coefficients of a law that no motion shows
+    within = within + np.diag(1e-9 * np.diag(within) + 1e-300)
+    across = left[:many, rival]
+    return np.einsum("ij,ji->i", across, np.linalg.solve(within, across.T))
 
 
 def smallest(information: Floats, needed: float) -> Floats:

@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
@@ -25,12 +26,12 @@ from drillenv.diagnosis.drill import Recorded, first_states
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.equations import Around
 from drillenv.diagnosis.fitting import JOINED, priors_of
-from drillenv.diagnosis.laws import axes_of
+from drillenv.diagnosis.laws import MOUNT_LAW, Curve, axes_of, families
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.plan_signatures import Signature, planned_for, signatures, stated_term
 from drillenv.diagnosis.solver import Floats, eliminated
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.dynamics.effects import REGISTRY, Chosen
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.motion import motion
@@ -76,8 +77,8 @@ class Candidate(NamedTuple):
     starts: str
     """``running`` or ``fresh``."""
     information: Floats
-    """(nuisances + signatures,) squared, of the constants and the logger in the solver's units, then of strengths as
-    shares of typical ones."""
+    """(nuisances + signatures + free laws,) squared, of the constants and the logger in the solver's units, of
+    strengths as shares of typical ones, and of the free laws' coefficients in the solver's units."""
     power: float
     """Sum of the squares of what is read about its mean, in variances of the noise."""
 
@@ -92,7 +93,9 @@ class Survey(NamedTuple):
 
     candidates: list[Candidate]
     signatures: list[Signature]
-    """In the order of the informations' last rows."""
+    """In the order of the informations' rows behind those of the nuisances."""
+    laws: list[tuple[frozenset[int], slice]]
+    """Of each family with free laws the places at which it acts, and its coefficients' rows."""
     prior: Floats
     """(nuisances,) precision of what is believed of the constants, in the solver's units."""
     irregular: int
@@ -120,13 +123,15 @@ def survey(site: Site, settings: Sequence[tuple[Setting, str]], seed: int, note:
         axes = axes_over(settled, base, pool)
         around = Around(site.rig.stiffness, site.rock.loading_stiffness, site.rock.unloading_stiffness)
         found = signatures_of(site, axes, around, np.random.default_rng(seed))
-        whole = Hypothesis((*nuisances, *(term for each in found for term in each.terms)), axes, DRILL)
-        known = len(base.unknowns)
+        free = free_laws(axes, [each.setting.frequency for each in settled])
+        terms = (*(term for each in found for term in each.terms), *(term for each in free for term in each))
+        whole, known = Hypothesis((*nuisances, *terms), axes, DRILL), len(base.unknowns)
         candidates = list(pool.map(lambda each: candidate(each, whole, known, found), settled))
     prior = priors_of(base).precision ** 2
+    laws = placed(free, known + len(found))
     example = settled[0].block.data
     read = np.stack([example.force, example.acceleration])
-    return Survey(candidates, found, prior, len(settings) - len(settled), axes, around, (read, example))
+    return Survey(candidates, found, laws, prior, len(settings) - len(settled), axes, around, (read, example))
 
 
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
@@ -192,17 +197,36 @@ def signatures_of(site: Site, axes: Axes, around: Around, rng: np.random.Generat
     return [one for each in effects for one in signatures(each, axes, around, rng)]
 
 
+def free_laws(axes: Axes, frequencies: Sequence[float]) -> list[tuple[Curve, ...]]:
+    """The curves of each family of the diagnosis that has nothing else."""
+    every = [each.terms for each in families(axes, frequencies) if each.name != MOUNT_LAW]
+    return [curves for terms in every if len(curves := curves_among(terms)) == len(terms)]
+
+
+def curves_among(terms: Iterable[Term]) -> tuple[Curve, ...]:
+    """Those that are curves."""
+    return tuple(each for each in terms if isinstance(each, Curve))
+
+
+def placed(free: Sequence[tuple[Curve, ...]], first: int) -> list[tuple[frozenset[int], slice]]:
+    """Places and rows of free laws, the first row as given."""
+    found = []
+    for curves in free:
+        last = first + sum(len(each.unknowns) for each in curves)
+        found.append((frozenset(each.place for each in curves), slice(first, last)))
+        first = last
+    return found
+
+
 def candidate(settled: Settled, whole: Hypothesis, known: int, found: Sequence[Signature]) -> Candidate:
-    """What a recording says: constants and the logger's filter as they are, and each signature as one column."""
+    """What a recording says: each signature as one column, all else as it is."""
     block, own = settled.block.under(whole, settled.own)
     part = block.quadratic(priors_of(whole).centre, own)
     hessian = eliminated(part, 0.0)[1]
-    mixing = np.zeros((known + len(found), len(hessian)))
-    mixing[:known, :known] = np.eye(known)
-    first = known
-    for row, each in zip(mixing[known:], found, strict=True):
-        row[first : first + len(each.terms)] = 1.0
-        first += len(each.terms)
+    parts = [len(each.terms) for each in found]
+    free = len(hessian) - known - sum(parts)
+    together = np.repeat(np.eye(len(found)), parts, axis=1)
+    mixing = np.asarray(block_diag(np.eye(known), together, np.eye(free)))
     return Candidate(settled.setting, settled.starts, mixing @ hessian @ mixing.T, block.power)
 
 
