@@ -1,12 +1,13 @@
 """Whether planned settings name more mechanisms than settings spread evenly: campaigns of the concealed rig.
 
     python -m benchmarks.plan --out plan.json --seed 20261823
+    python -m benchmarks.plan --out plan.json --shares 1 --motion
     python -m benchmarks.plan --out plan.json --show
 
 Each mechanism of the catalogue is concealed alone at a strength that shows, at a third and at a tenth of it, in a
 campaign with planned settings and one with settings spread by a Latin hypercube over the same box. Strengths, constants
 and the noise's generator are the same in both; the plan is made of the nominal rig, which is not quite the one that is
-recorded. The file is written after each diagnosis, and gone on with where it holds some already.
+recorded. The file is written after each diagnosis, and gone on with, and with its plan, where it holds some already.
 """
 
 from __future__ import annotations
@@ -64,10 +65,21 @@ def spread(rng: np.random.Generator) -> Design:
     return Design(draw_settings(rng, MANY), FRESH)
 
 
-def cases(seed: int, plan: Design) -> Iterator[tuple[dict[str, Any], Design, Concealed]]:
-    """What to diagnose: a key, the settings, and what is concealed. All randomness is of the seed and the key."""
-    for share in SHARES:
+def cases(
+    seed: int, plan: Design, shares: Sequence[float] = SHARES, motion: bool = False
+) -> Iterator[tuple[dict[str, Any], Design, Concealed]]:
+    """What to diagnose: a key, the settings, and what is concealed. All randomness is of the seed and the key.
+
+    Args:
+        seed: Of the benchmark.
+        plan: Settings that were planned.
+        shares: Of the strength that shows.
+        motion: Whether to leave out what acts on sensors alone.
+    """
+    for share in shares:
         for number, (name, mechanism) in enumerate(MECHANISMS.items()):
+            if motion and all(each.place is None for each in mechanism.equations):
+                continue
             even = spread(np.random.default_rng((seed, number, 0)))
             # what is drawn in proportion to the site is the same in both
             site = Site(min(plan.drive, even.drive), max(each.frequency for each in even.settings))
@@ -144,6 +156,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", required=True, help="JSON, gone on with where it is there")
     parser.add_argument("--seed", type=int, default=20261823)
+    parser.add_argument("--shares", type=float, nargs="+", default=SHARES, help="of the strength that shows")
+    parser.add_argument("--motion", action="store_true", help="only mechanisms that act on the motion")
     parser.add_argument("--show", action="store_true", help="only print what the file has")
     given = parser.parse_args()
     path = Path(given.out)
@@ -152,16 +166,13 @@ def main() -> None:
         if record["seed"] != given.seed:
             raise SystemExit(f"{path} is of seed {record['seed']}: give another --out")
         signal.signal(signal.SIGPROF, out_of_time)
-        plan = planned()
-        made = {
-            "settings": [[each.frequency, each.amplitude, each.pressure] for each in plan.settings],
-            "fresh": list(plan.fresh),
-        }
-        if record["done"] and record["plan"] != made:
-            raise SystemExit(f"{path} is of another plan: give another --out")
-        record["plan"] = made
+        if record["plan"] is None:
+            plan = planned()
+            settings = [[each.frequency, each.amplitude, each.pressure] for each in plan.settings]
+            record["plan"] = {"settings": settings, "fresh": list(plan.fresh)}
+        plan = Design([Setting(*each) for each in record["plan"]["settings"]], tuple(record["plan"]["fresh"]))
         there = {(each["mechanism"], each["share"], each["settings"]) for each in record["done"]}
-        for key, design, hidden in cases(given.seed, plan):
+        for key, design, hidden in cases(given.seed, plan, given.shares, given.motion):
             if (key["mechanism"], key["share"], key["settings"]) in there:
                 continue
             record["done"].append(marked(given.seed, key, design, hidden))
