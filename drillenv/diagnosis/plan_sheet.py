@@ -16,7 +16,7 @@ STARTS = {
 }
 SENSORS = (
     "Record the force on the rock, the acceleration of the indenter and the excitation voltage, all sampled together.",
-    "Position and velocity do not pay: a diagnosis of the drill reads neither. Pressure does where no gauge is read off: "
+    "Position and velocity do not pay: a diagnosis of the drill reads neither. Pressure does where no gauge is read: "
     "campaign init labels recordings by it.",
 )
 CHANNELS = "excitation force acceleration"
