@@ -235,4 +235,6 @@ def grid(ranges: Iterable[tuple[float, float]], points: Sequence[int], digits: S
     axes = [
         np.round(np.linspace(*span, count), digit) for span, count, digit in zip(ranges, points, digits, strict=True)
     ]
-    return [Setting(float(f), float(a), float(p)) for f in axes[0] for a in axes[1] for p in axes[2]]
+    every = [Setting(float(f), float(a), float(p)) for f in axes[0] for a in axes[1] for p in axes[2]]
+    # a narrow range has fewer values than points
+    return list(dict.fromkeys(every))

@@ -80,7 +80,9 @@ def strengths(each: Resolvable) -> tuple[str, ...]:
 
 def percent(share: float) -> str:
     """A share of a typical strength."""
-    return f"{100.0 * share:.2g} %" if math.isfinite(share) else "not found"
+    if not math.isfinite(share):
+        return "not found"
+    return f"{100.0 * share:.0f} %" if share >= 1.0 else f"{100.0 * share:.2g} %"
 
 
 def table(rows: list[tuple[str, ...]]) -> str:

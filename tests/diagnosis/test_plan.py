@@ -128,6 +128,12 @@ def test_parameters_at_a_share_are_as_strong(found):
             assert not found_at or size(p) == pytest.approx(share * size(signature.parameters), rel=1e-3)
 
 
+def test_a_range_of_one_value_is_one_value():
+    made = grid(((80.0, 80.0), (0.3, 0.32), (0.6, 1.2)), (7, 3, 4), (1, 2, 2))
+    assert len(made) == len(set(made)) == 3 * 4
+    assert {each.frequency for each in made} == {80.0}
+
+
 def test_an_effect_that_the_model_has_is_planned_no_more(found):
     site = replace(SITE, effects=(make("contact-rate", chi=0.3),))
     rng = np.random.default_rng(0)
