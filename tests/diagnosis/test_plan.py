@@ -5,10 +5,12 @@ import io
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.plan import counts
 from drillenv import Setting, cli
 from drillenv.checks import InputError
 from drillenv.corrected import Corrected, model_record
@@ -195,3 +197,12 @@ def test_effects_that_are_no_equation_of_the_motion_are_refused():
     curve = make("tabulated-spring", x=[0.0, 0.004], y=[0.0, 3.0])
     with pytest.raises(InputError, match="tabulated-spring of the model follows no equation"):
         plan_campaign(rock(4), effects=[curve])
+
+
+def test_what_the_documentation_says_of_plans_is_what_came_out():
+    """docs/recordings/README.md states the counts of docs/recordings/plan.json."""
+    done = json.loads(Path("docs/recordings/plan.json").read_text())["done"]
+    text = Path("docs/recordings/README.md").read_text()
+    names = {1.0: "full", 0.3333: "a third", 0.1: "a tenth"}
+    for share, tried, by_plan, by_spread in counts(done):
+        assert f"| {names[share]} | {by_plan} of {tried} | {by_spread} of {tried} |" in text

@@ -59,9 +59,7 @@ def test_what_is_said_of_a_restricted_search():
     assert bounded(record, [], "") == record
     assert limits_of(record) == ""
     said = bounded(record, ["contact", "sensor"], "fitting")
-    assert said["where"]["summary"].startswith(
-        "Only contact and sensor was looked for: what else may be missing is not"
-    )
+    assert said["where"]["summary"].startswith("Nothing but contact and sensor was looked for: what else may be")
     assert limits_of(said) == "only contact and sensor looked for, unfinished"
     assert sentence(said).startswith("Only contact and sensor looked for, unfinished. As far as that goes: ")
 
