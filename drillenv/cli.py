@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -256,6 +256,11 @@ def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("--out", required=True, metavar="DIR", help=note)
     note = "recordings to leave out, by name, such as r03,r05"
     parser.add_argument("--exclude", default="", metavar="NAMES", help=note)
+    note = (
+        "look for nothing else than these: parts of the rig (contact, indenter, shaker, sensor), or mechanisms, with "
+        "commas between them"
+    )
+    parser.add_argument("--only", default="", metavar="NAMES", help=note)
     note = "recordings of the drilling rig that are fitted side by side (default: 2)"
     parser.add_argument("--jobs", type=whole_number, default=None, metavar="N", help=note)
     add_json(parser)
@@ -627,19 +632,39 @@ def _axes(points: Sequence[int] | None) -> dict[str, Any]:
     return axes
 
 
-def _diagnose(given: argparse.Namespace) -> None:
+def _diagnose(given: argparse.Namespace) -> int:
     folder = _folder_option(given.out)
     from drillenv.diagnosis.report import diagnose
 
-    note = (lambda text: print(text, file=sys.stderr, flush=True)) if _progress() else None
-    exclude = [name.strip() for name in given.exclude.split(",") if name.strip()]
-    report = diagnose(given.campaign, note, exclude=exclude, jobs=given.jobs)
+    exclude, only = (_names(text) for text in (given.exclude, given.only))
+    report = diagnose(given.campaign, _stages(), exclude=exclude, jobs=given.jobs, only=only, interruptible=True)
     report.write(folder)
     if given.json:
         print_json(report.record)
-        return
-    print(report.text())
-    print(f"wrote report.html, report.json and model.json to {folder}")
+    else:
+        print(report.text())
+        print(f"wrote report.html, report.json and model.json to {folder}")
+    if report.record.get("unfinished"):
+        return _say(f"interrupted while {report.record['unfinished']}: the report is unfinished", INTERRUPTED)
+    return 0
+
+
+def _names(text: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _stages() -> Callable[[str], object] | None:
+    """Tells on stderr where a diagnosis is: at a terminal every step, elsewhere a line for each stage."""
+    from drillenv.diagnosis.progress import MARK
+
+    every = _progress()
+
+    def note(text: str) -> None:
+        if every or text.startswith(MARK):
+            print(text, file=sys.stderr, flush=True)
+
+    return note
 
 
 def _compare(given: argparse.Namespace) -> None:

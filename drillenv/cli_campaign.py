@@ -1,4 +1,4 @@
-"""The commands on recordings: ``drillenv campaign init``, ``check`` and ``plot``."""
+"""The commands on recordings: ``drillenv campaign plan``, ``init``, ``check`` and ``plot``."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drillenv.checks import InputError, choice, shown
-from drillenv.cli_options import Parser, add_json, print_json
-from drillenv.files import check_writable
+from drillenv.cli_options import Parser, add_json, plain_number, print_json, whole_number
+from drillenv.files import check_writable, whole
+from drillenv.rig import AMPLITUDE_RANGE, FREQUENCY_RANGE, PRESSURE_RANGE
 
 if TYPE_CHECKING:
+    from drillenv.dynamics.effects import Chosen
     from drillenv.recordings import Campaign, QualityFinding
     from drillenv.recordings.describe import Description, Told
+    from drillenv.rig import Rig
+    from drillenv.rocks import Rock
 
 FOUND = 1
 """Exit code of a check that found what must be left out."""
@@ -25,12 +29,87 @@ def add_campaign(parser: Parser) -> None:
     """The commands below ``drillenv campaign``."""
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="campaign_command")
     for name, add, line in (
+        ("plan", _add_plan, "propose the settings to record that tell most mechanisms apart"),
         ("init", _add_init, "write campaign.json for a folder of data files"),
         ("check", _add_check, "look for faults of sensors, wiring, units and sample rate"),
         ("plot", _add_plot, "draw every recording beside what the nominal model says of it"),
     ):
         command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
         add(command)
+
+
+# --- plan
+
+
+RANGES = {
+    "frequency": ("HZ", FREQUENCY_RANGE),
+    "amplitude": ("V", AMPLITUDE_RANGE),
+    "pressure": ("BAR", PRESSURE_RANGE),
+}
+SHEETS = (".md", ".csv")
+
+
+def _add_plan(parser: Parser) -> None:
+    note = "case of Table 2.2, 1 to 6, or its name, or a rock file of an indentation test (default 4)"
+    parser.add_argument("--rock", metavar="ROCK", help=note)
+    note = "a model.json of a diagnosis, for constants, rock and effects that are known already"
+    parser.add_argument("--model", metavar="FILE", help=note)
+    note = "how many recordings, 3 to 24 (default 8)"
+    parser.add_argument("--settings", type=whole_number, default=8, metavar="N", help=note)
+    note = "of each recording in s, 0.1 to 10 (default: the shortest that does)"
+    parser.add_argument("--seconds", type=plain_number, metavar="S", help=note)
+    note = "samples a second (default 25600)"
+    parser.add_argument("--sample-rate", type=plain_number, default=25600.0, metavar="HZ", help=note)
+    note = "standard deviations of the noise of force and acceleration (default 5 N and 2.5 m/s^2)"
+    parser.add_argument("--noise", type=plain_number, nargs=2, metavar=("N", "M/S^2"), help=note)
+    group = parser.add_argument_group("ranges", "What the lab can set, from the lowest to the highest.")
+    for name, (unit, span) in RANGES.items():
+        note = f"{name} in {unit.replace('HZ', 'Hz').replace('BAR', 'bar')} (default {span[0]:g} {span[1]:g})"
+        group.add_argument(f"--{name}", type=plain_number, nargs=2, metavar=("LOW", "HIGH"), help=note)
+    parser.add_argument("--out", metavar="SHEET.md", help="write the sheet: .md, or .csv for the recordings alone")
+    add_json(parser)
+    parser.set_defaults(run=_plan)
+
+
+def _plan(given: argparse.Namespace) -> None:
+    if given.out is not None:
+        choice("the ending of --out", Path(given.out).suffix.lower(), SHEETS)
+        check_writable(given.out)
+    from drillenv.diagnosis.plan import plan_campaign
+    from drillenv.recordings.made import NOISE
+
+    rock, rig, effects = _planned_rig(given)
+    box = [getattr(given, name) or span for name, (_unit, span) in RANGES.items()]
+    noise = NOISE if given.noise is None else NOISE._replace(force=given.noise[0], acceleration=given.noise[1])
+    plan = plan_campaign(
+        rock, rig, effects, given.settings, given.seconds, given.sample_rate, box, noise=noise, note=_watched()
+    )
+    if given.out is not None:
+        with whole(given.out) as part:
+            part.write_text(plan.csv() if given.out.lower().endswith(".csv") else plan.text(), encoding="utf-8")
+    if given.json:
+        print_json(plan.record())
+    else:
+        print(plan.text() if given.out is None else f"wrote {given.out}", end="" if given.out is None else "\n")
+
+
+def _planned_rig(given: argparse.Namespace) -> tuple[Rock, Rig | None, tuple[Chosen, ...]]:
+    """Rock, rig and effects, of the options or of a model."""
+    from drillenv.corrected import read_model
+    from drillenv.rocks import rock
+
+    if given.model is None:
+        return rock(given.rock or "4"), None, ()
+    model = read_model(given.model)
+    if model.rock is not None and given.rock is not None:
+        raise InputError("--rock and --model both say which rock: leave one out")
+    return model.rock or rock(given.rock or "4"), model.rig, model.on_motion
+
+
+def _watched() -> Callable[[str], object] | None:
+    """Tells what is being done where somebody watches."""
+    watched = sys.stderr is not None and sys.stderr.isatty()
+    return (lambda text: print(text, file=sys.stderr, flush=True)) if watched else None
 
 
 # --- init
@@ -272,7 +351,5 @@ def _plot(given: argparse.Namespace) -> None:
     choice("the ending of --out", Path(given.out).suffix.lower(), ENDINGS)
     check_writable(given.out)
     campaign = read_campaign(given.folder)
-    watched = sys.stderr is not None and sys.stderr.isatty()
-    note = (lambda text: print(text, file=sys.stderr, flush=True)) if watched else None
-    plot_campaign(campaign, given.out, check_quality(campaign), note)
+    plot_campaign(campaign, given.out, check_quality(campaign), _watched())
     print(f"wrote {given.out}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -353,6 +353,7 @@ def record_campaign(
     wrong: Mapping[str, float],
     title: str,
     group: str,
+    fresh: Collection[int] = FRESH,
 ) -> Made:
     """Record a campaign of a rig that conceals ``hidden``, and write down the answer.
 
@@ -362,10 +363,11 @@ def record_campaign(
         wrong: Constants that the lab has wrong, and by how many tolerances.
         title: Of the campaign.
         group: What the answer is marked as.
+        fresh: Which recordings are of rock never hit before.
     """
     stated, true = draw_constants(rng, conditions.case, wrong)
     made = [
-        _record(rng, conditions, hidden, setting, true, f"r{i + 1:02d}", i in FRESH)
+        _record(rng, conditions, hidden, setting, true, f"r{i + 1:02d}", i in fresh)
         for i, setting in enumerate(settings)
     ]
     if conditions.gaps:

@@ -172,6 +172,10 @@ class Adapter(Protocol):
         """Constants that can take up what is straight in an equation's law."""
         ...
 
+    def mechanisms_of(self, family: Family) -> Collection[str]:
+        """The library's mechanisms that a family may turn out to be."""
+        ...
+
     def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
         """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""
         ...

@@ -20,6 +20,7 @@ from drillenv.diagnosis.body_rig import BodyRig, Scale, axes_of_bodies, gain_of_
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.naming import THOROUGH, Named, without
+from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import Step, forward
 from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.terms import Hypothesis
@@ -35,6 +36,7 @@ def diagnose_body(
     campaign: Campaign,
     faults: Sequence[QualityFinding] = (),
     note: Callable[[str], object] | None = None,
+    scope: Scope | None = None,
 ) -> BodyOutcome:
     """The verdict on a campaign of one body.
 
@@ -42,6 +44,7 @@ def diagnose_body(
         campaign: Of the rig one-body.
         faults: Of the quality check; recordings, channels and stretches that they take out are not used.
         note: Told what is being done.
+        scope: What is searched; everything where None.
 
     Raises:
         InputError: the campaign is of another rig, no recording can be used, or nothing says how large the mass is.
@@ -65,7 +68,7 @@ def diagnose_body(
         raise InputError(
             f"campaign {shown(campaign.title)}: the {side} never changes: see that its sensor was connected"
         )
-    begun = begin(campaign, stretches, mass)
+    begun = replace(begin(campaign, stretches, mass), scope=scope)
     if white_floor(stretches, begun) > NOISY * float(np.std(measured)):
         raise InputError(
             f"campaign {shown(campaign.title)}: the {side} hardly stands out of its noise: "

@@ -346,6 +346,12 @@ class BodyRig:
         found = [self.near(fitted, family, each) for each in self.equations(places)]
         return sorted(found, key=lambda each: each.worse)
 
+    def mechanisms_of(self, family: Family) -> set[str]:
+        """The library's mechanisms that a family may turn out to be."""
+        places = {term.place for term in family.terms if isinstance(term, Curve)}
+        found = {family.mechanism, family.group} | {each.effect for each in self.equations(places)}
+        return found & set(REGISTRY)
+
     def equations(self, places: Collection[int]) -> list[Equation]:
         """Those of effects that act on a body by what these laws are over, and are not stated."""
         over = {"position": {SPRING}, "velocity": {DAMPER, GUIDE}, "applied": {DRIVE}}

@@ -28,6 +28,7 @@ from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Model, Term
 from drillenv.dynamics.constitutive.places import DRIVE, LOADING, SPRING, UNLOADING
+from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.hybrid import vector_field as V
 
 LEVEL = 0.08
@@ -193,6 +194,12 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
         ]
     found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
     return sorted(found, key=lambda each: each.worse)
+
+
+def mechanisms_of(family: Family) -> set[str]:
+    """The library's mechanisms that a family may turn out to be."""
+    found = {family.mechanism, family.group, *SENSORS.get(family.group, ())}
+    return (found | {each.effect for each in equations(*places_of(family))}) & set(REGISTRY)
 
 
 def kind_of_response(term: Term, values: Floats, rate: float) -> str:

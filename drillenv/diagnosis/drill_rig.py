@@ -13,6 +13,7 @@ from drillenv.diagnosis.drill import Recorded, kept_of, resized
 from drillenv.diagnosis.drill_identification import (
     kind_of_response,
     law_of,
+    mechanisms_of,
     rivals,
     taken_up,
 )
@@ -98,6 +99,10 @@ class DrillRig:
     def taken_up(self, equation) -> list[str]:
         """Constants that can take up what is straight in an equation's law."""
         return taken_up(equation)
+
+    def mechanisms_of(self, family: Family) -> set[str]:
+        """The library's mechanisms that a family may turn out to be."""
+        return mechanisms_of(family)
 
     def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
         """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""

@@ -21,6 +21,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from drillenv.checks import InputError, shown
+from drillenv.diagnosis.scope import limits_of
 from drillenv.dynamics.effects import REGISTRY
 
 VALUES = 210_000
@@ -282,6 +283,14 @@ def _said(record: Mapping[str, Any], held: Sequence[str]) -> dict[str, Any]:
 
 def sentence(record: Mapping[str, Any]) -> str:
     """The verdict in one plain sentence."""
+    limits = limits_of(record)
+    if limits:
+        return f"{limits[0].upper()}{limits[1:]}. As far as that goes: {_sentence(record)}"
+    return _sentence(record)
+
+
+def _sentence(record: Mapping[str, Any]) -> str:
+    """The same of a whole search."""
     verdict = record["verdict"]
     wrong = [name for name, entry in (record.get("parameters") or {}).items() if entry.get("nominal") is not None]
     if verdict == "missing-physics":

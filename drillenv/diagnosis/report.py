@@ -15,6 +15,7 @@ from drillenv.diagnosis.body_diagnosis import diagnose_body
 from drillenv.diagnosis.findings import corrected, record_of, stated, waves
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.provenance import provenance
+from drillenv.diagnosis.scope import bounded, limits_of, scope_of
 from drillenv.diagnosis.verdict import CORES, diagnose_drill
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
@@ -74,6 +75,8 @@ def diagnose(
     note: Callable[[str], object] | None = None,
     exclude: Sequence[str] = (),
     jobs: int | None = None,
+    only: Sequence[str] = (),
+    interruptible: bool = False,
 ) -> Report:
     """Find out where and why the recordings of a rig differ from its model.
 
@@ -82,28 +85,34 @@ def diagnose(
         note: Told what is being done.
         exclude: Names of recordings to leave out.
         jobs: Recordings of the drilling rig that are fitted side by side; None for two.
+        only: Parts of the rig (contact, indenter, shaker, sensor, body), places of laws or mechanisms, outside of which
+            nothing is looked for; all of it where there are none. Constants are always.
+        interruptible: Whether an interruption from the keyboard ends the search on a drilling rig with a report of what
+            has been found so far, which says that it is unfinished.
 
     Raises:
         InputError: the campaign cannot be read, has no recording of a name to exclude, or holds too little that can be
-            used; ``jobs`` is below 1.
+            used; ``jobs`` is below 1; ``only`` has a name that the rig has not.
+        KeyboardInterrupt: interrupted where that is not to end the search, or before anything was found.
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
     jobs = CORES if jobs is None else count("jobs", jobs, 1, 1024)
-    campaign = without_recordings(campaign, exclude)
+    campaign, scope = without_recordings(campaign, exclude), scope_of(only, campaign.rig)
     faults, origin = check_quality(campaign), provenance(campaign)
     if campaign.rig == "one-body":
-        body = diagnose_body(campaign, faults, note)
-        return Report(campaign.title, {**origin, **body.record}, body.model, body.waves)
+        body = diagnose_body(campaign, faults, note, scope)
+        return Report(campaign.title, bounded({**origin, **body.record}, only, ""), body.model, body.waves)
     campaign, left_out = sound_parts(campaign, faults)
     if not campaign.recordings:
         reasons = "; ".join(str(each) for each in faults[:3])
         raise InputError(f"no recording can be used: give one that is sound ({reasons})")
     campaign, shortened = excerpts(campaign)
-    outcome = diagnose_drill(campaign, note, jobs)
+    outcome = diagnose_drill(campaign, note, jobs, scope, interruptible)
     model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
     record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened])
-    return Report(campaign.title, {**origin, **record}, model_record(model), waves(outcome))
+    record = bounded({**origin, **record}, only, outcome.stopped)
+    return Report(campaign.title, record, model_record(model), waves(outcome))
 
 
 def without_recordings(campaign: Campaign, names: Sequence[str]) -> Campaign:
@@ -124,7 +133,9 @@ def without_recordings(campaign: Campaign, names: Sequence[str]) -> Campaign:
 
 def _text(record: Mapping[str, Any]) -> str:
     """The report on a page of text."""
-    lines = [f"verdict: {record['verdict']}", record["where"]["summary"]]
+    limits = limits_of(record)
+    verdict = f"verdict: {record['verdict']}" + (f" ({limits})" if limits else "")
+    lines = [verdict, record["where"]["summary"]]
     for finding in record["findings"]:
         strengths = ", ".join(
             f"{symbol} = {entry['value']:.4g} +- {entry['std']:.2g} {entry['unit']}"

@@ -318,6 +318,8 @@ def candidates(fitted: Fitted) -> list[Family]:
 
 
 Say = Callable[[str], object]
+Keep = Callable[[Fitted, list["Step"], Tested], object]
+"""Told a fit, the steps that it has taken, and the tests of what else there may be."""
 
 
 def forward(
@@ -327,11 +329,13 @@ def forward(
     say: Say = lambda _: None,
     before: Sequence[Step] = (),
     earlier: Tested | None = None,
+    keep: Keep = lambda *_: None,
 ) -> tuple[Fitted, list[Step], Tested]:
     """Add families as long as one is called for, then leave out those that the others make needless.
 
     ``before`` are steps that the fit has taken already. Of families that were tested ``earlier`` on a part of the same
-    samples, only those are tested again that may yet be there, at the same level.
+    samples, only those are tested again that may yet be there, at the same level. ``keep`` is told what has been found
+    each time that something has.
     """
     steps = list(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
@@ -345,6 +349,8 @@ def forward(
         named = {step.family.group for step in steps if step.named.equation is not None}
         scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool), pool)
         level = level if earlier is None else min(level, earlier.level)
+        # a step may be changed further on, and a search may be interrupted there
+        keep(fitted, [replace(each) for each in steps], Tested(scores, level))
         needed = [least_gain(each, fitted, steps, scores) for each in scores]
         best = ", ".join(
             f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f}) of {least:.1f}"
@@ -387,7 +393,8 @@ def still_possible(
     ]
     if fitted.per_freedom > 1.0 + LEFT:
         found += fitted.hypothesis.rig.at_own_frequency(fitted, there, pool)
-    return found
+    scope, rig = fitted.hypothesis.scope, fitted.hypothesis.rig
+    return found if scope is None else [each for each in found if scope.has(each, rig.mechanisms_of(each))]
 
 
 def with_finer_law(

@@ -17,6 +17,7 @@ from drillenv.dynamics.hybrid.vector_field import GRIP2, KL, KU, K
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.adapter import Adapter
+    from drillenv.diagnosis.scope import Scope
 
 RUNNING = 1.3
 """s for which a rig that "had been running" is taken to have run before a recording."""
@@ -199,6 +200,8 @@ class Hypothesis:
     terms: tuple[Term, ...]
     axes: Axes
     rig: Adapter
+    scope: Scope | None = None
+    """What families are searched; all where None."""
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -21,6 +22,8 @@ from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.fitting import FREE, GRADUAL, JOINED, Fitted, fit_to, joined, priors_of
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
+from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, Progress
+from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import Step, Tested, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.sinusoids import Sinusoid
@@ -85,6 +88,8 @@ class Outcome:
     explained: Explained
     labels: list[Label]
     """Labels that were corrected."""
+    stopped: str = ""
+    """What was being done as the diagnosis was interrupted; empty where it was not."""
 
     @property
     def held_out(self) -> tuple[list[Settled], list[Settled]]:
@@ -100,11 +105,26 @@ class Outcome:
         return [*settled_of(self.final), *self.held_out[1]]
 
 
-def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = None, jobs: int = CORES) -> Outcome:
+def diagnose_drill(
+    campaign: Campaign,
+    note: Callable[[str], object] | None = None,
+    jobs: int = CORES,
+    scope: Scope | None = None,
+    interruptible: bool = False,
+) -> Outcome:
     """Explain a campaign of the drilling rig.
+
+    Args:
+        campaign: Of the rig percussive-drill.
+        note: Told what is being done.
+        jobs: Recordings that are fitted side by side.
+        scope: What is searched; everything where None.
+        interruptible: Whether an interruption, once the paper's model has been fitted, ends the search with what has
+            been found so far, in place of everything.
 
     Raises:
         InputError: it holds too little that can be used, or lacks a constant.
+        KeyboardInterrupt: it was interrupted and not to be ended so, or had found nothing yet.
     """
     say = note or (lambda _text: None)
     for name in NAMES:
@@ -114,12 +134,14 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     campaign, labels = with_labels_corrected(campaign)
     for label in labels:
         say(label.sentence)
-    outcome = search(campaign, say, jobs)
+    outcome = search(campaign, say, jobs, scope, interruptible)
+    if outcome.stopped:
+        return replace(outcome, labels=labels)
     alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
     if alone is not None:
         say(f"{alone} disagrees more than all the others together: once more without it")
         rest = tuple(each for each in campaign.recordings if each.name != alone)
-        again = search(replace(campaign, recordings=rest), say, jobs)
+        again = search(replace(campaign, recordings=rest), say, jobs, scope)
         if again.verdict != "unexplained":
             # a corrected label of it has not helped
             labels = [each for each in labels if each.recording != alone]
@@ -127,8 +149,14 @@ def diagnose_drill(campaign: Campaign, note: Callable[[str], object] | None = No
     return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)])
 
 
-def search(campaign: Campaign, say: Callable[[str], object], jobs: int = CORES) -> Outcome:
-    """The verdict on recordings as they are labelled, ``jobs`` of them fitted side by side."""
+def search(
+    campaign: Campaign,
+    say: Callable[[str], object],
+    jobs: int = CORES,
+    scope: Scope | None = None,
+    interruptible: bool = False,
+) -> Outcome:
+    """The verdict on recordings as they are labelled; arguments as of :func:`diagnose_drill`."""
     rig = nominal_rig(campaign)
     data = [condition(each, rig) for each in campaign.recordings]
     late = common_lag(data, rig)
@@ -139,14 +167,22 @@ def search(campaign: Campaign, say: Callable[[str], object], jobs: int = CORES) 
     held_data = [each for i, each in enumerate(data) if i in held]
     # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
-        begun, plain, final, steps, tested = selected(campaign, fit_data, pool, say)
-        plain = (plain or resettled(fit_data, begun, final, pool)) if steps else final
+        progress = Progress(say)
+        try:
+            begun, plain, final, steps, tested = selected(campaign, fit_data, pool, progress, scope)
+            plain = (plain or resettled(fit_data, begun, final, pool)) if steps else final
+        except KeyboardInterrupt:
+            if not interruptible or progress.known is None:
+                raise
+            plain, final, steps, tested = progress.known
+            progress.stopped = progress.doing
+        progress.stage(PROVING)
         proof = proved(fit_data, held_data, plain, final, pool)
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
     verdict = decided(final, missing, proof.chi_squares, share)
     named = [step.named for step in missing]
-    return Outcome(verdict, fit_data, plain, final, missing, named, tested, proof, share, [])
+    return Outcome(verdict, fit_data, plain, final, missing, named, tested, proof, share, [], progress.stopped)
 
 
 class Selected(NamedTuple):
@@ -161,19 +197,27 @@ class Selected(NamedTuple):
     tested: Tested
 
 
-def selected(campaign: Campaign, data: Sequence[Conditioned], pool: Executor, say: Callable[[str], object]) -> Selected:
+def selected(
+    campaign: Campaign, data: Sequence[Conditioned], pool: Executor, progress: Progress, scope: Scope | None = None
+) -> Selected:
     """Families found on stretches of the recordings, then on all of them."""
-    say("fitting the paper's model")
+    say = progress.say
+    progress.stage(FITTING)
     begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
+    begun = replace(begun, hypothesis=replace(begun.hypothesis, scope=scope))
     say(f"reduced chi-square {begun.per_freedom:.3f}")
     stretches = [block.data for block in begun.blocks]
-    found, steps, tested = forward(stretches, begun, pool, say)
-    say("fitting whole recordings")
+    progress.keep(begun, begun, [], Tested([], 1.0))
+    progress.stage(SEARCHING)
+    found, steps, tested = forward(stretches, begun, pool, say, keep=partial(progress.keep, begun))
+    progress.keep(begun, found, steps, tested)
+    progress.stage(EXTENDING)
     whole = extended(data, found, pool)
     say(f"reduced chi-square {whole.per_freedom:.3f}")
     final = whole
     # a model that does not hold where its stretches go on is not mended by more families
     if whole.per_freedom < CLOSE:
+        progress.stage(SEARCHING_AGAIN)
         final, steps, tested = forward(data, whole, pool, say, steps, tested)
     final = polished(data, final, pool)
     return Selected(begun, whole if found is begun else None, final, steps, tested)
@@ -243,7 +287,16 @@ def nominal_rig(campaign: Campaign) -> Rig:
     return Rig(*(float(campaign.nominal[name].value or 0.0) for name in NAMES[:6]))
 
 
-def held_out(data: Sequence[Conditioned]) -> set[int]:
+class Startable(Protocol):
+    """A recording of which it is known how it starts."""
+
+    @property
+    def fresh(self) -> bool:
+        """Whether from rest."""
+        ...
+
+
+def held_out(data: Sequence[Startable]) -> set[int]:
     """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign."""
     running = [i for i, each in enumerate(data) if not each.fresh]
     count = len(data) // 4

@@ -1,0 +1,77 @@
+"""Where a diagnosis of the drilling rig is, how long it may yet take, and what it has found so far."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from drillenv.diagnosis.fitting import Fitted
+from drillenv.diagnosis.selection import Step, Tested
+
+
+class Stage(NamedTuple):
+    """A part of a diagnosis."""
+
+    number: int
+    doing: str
+    least: float
+    """How long all from its beginning takes where nothing is missing, in times of the first stage, as was measured."""
+    most: float
+    """The same where two mechanisms are missing that no equation follows."""
+
+
+STAGES = 5
+FITTING = Stage(1, "fitting the paper's model", 0.0, 0.0)
+SEARCHING = Stage(2, "looking for what is missing", 4.0, 45.0)
+EXTENDING = Stage(3, "fitting whole recordings", 2.0, 9.0)
+SEARCHING_AGAIN = Stage(4, "looking once more, on whole recordings", 1.0, 6.0)
+PROVING = Stage(5, "proving it on recordings held out", 0.5, 3.0)
+MARK = "stage "
+"""What lines on stages begin with."""
+
+
+class Known(NamedTuple):
+    """What has been found so far."""
+
+    plain: Fitted
+    """The paper's model, on the same recordings."""
+    final: Fitted
+    steps: list[Step]
+    tested: Tested
+
+
+class Progress:
+    """Says where a diagnosis is, and keeps what it has found."""
+
+    def __init__(self, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
+        """Into ``say``, by a ``clock`` in s."""
+        self.say = say
+        self.known: Known | None = None
+        self.doing = ""
+        self.stopped = ""
+        """What was being done as it was interrupted."""
+        self._clock = clock
+        self._first: float | None = None
+        self._begun = clock()
+
+    def stage(self, stage: Stage) -> None:
+        """A stage begins."""
+        if self._first is None and stage.number > FITTING.number:
+            self._first = self._clock() - self._begun
+        self.doing = stage.doing
+        estimate = ""
+        if self._first is not None:
+            estimate = f"; {span(stage.least * self._first, stage.most * self._first)} to go"
+        self.say(f"{MARK}{stage.number} of {STAGES}: {stage.doing}{estimate}")
+
+    def keep(self, plain: Fitted, final: Fitted, steps: list[Step], tested: Tested) -> None:
+        """What has been found so far."""
+        self.known = Known(plain, final, steps, tested)
+
+
+def span(least: float, most: float) -> str:
+    """A time in words, from s."""
+    if most < 60.0:
+        return f"about {max(least, 1.0):.0f} to {max(most, 2.0):.0f} s"
+    return f"about {max(least / 60.0, 0.1):.1g} to {most / 60.0:.1g} min"

@@ -1,0 +1,117 @@
+"""Searches that are restricted or interrupted say so, and claim nothing of what they did not look for."""
+
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from drillenv import cli, diagnose
+from drillenv.checks import InputError
+from drillenv.diagnosis import verdict
+from drillenv.diagnosis.drill_identification import mechanisms_of
+from drillenv.diagnosis.laws import families
+from drillenv.diagnosis.page import sentence
+from drillenv.diagnosis.progress import EXTENDING, FITTING, SEARCHING, Progress
+from drillenv.diagnosis.scope import bounded, limits_of, scope_of
+from drillenv.diagnosis.sensing import sensor_families
+from drillenv.diagnosis.tables import GRID, PLACES, Axes
+from drillenv.recordings.document import DRILL
+
+EXAMPLE = "docs/recordings/example"
+AXES = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
+EVERY = [*families(AXES, [60.0, 80.0, 110.0]), *sensor_families(["r01"], 12e3)]
+
+
+@pytest.mark.parametrize(
+    ("only", "groups"),
+    [
+        ("contact", {"contact-law", "contact-rate", "rock-compaction", "rock-mount-compliance"}),
+        ("contact-toe", {"contact-law"}),
+        ("shaker", {"guide-friction", "air-spring"}),
+        ("damper", {"damper"}),
+        ("accelerometer-lowpass", {"accelerometer"}),
+        ("force-limit", {"force-limit", "spring"}),  # the drive's, and a spring's that saturates
+    ],
+)
+def test_families_of_a_scope(only, groups):
+    scope = scope_of([only], DRILL)
+    assert {each.group for each in EVERY if scope.has(each, mechanisms_of(each))} == groups
+
+
+def test_sensors_are_a_scope():
+    scope = scope_of(["sensor"], DRILL)
+    searched = {each.name for each in EVERY if scope.has(each, mechanisms_of(each))}
+    assert searched == {each.name for each in sensor_families(["r01"], 12e3)}
+
+
+def test_a_name_that_is_none_is_refused():
+    assert scope_of([], DRILL) is None
+    with pytest.raises(InputError, match="only names 'contact-to', which is none of the rig: did you mean contact-toe"):
+        scope_of(["contact-to"], DRILL)
+    with pytest.raises(InputError, match="only names 'viscous-damping'"):
+        scope_of(["viscous-damping"], DRILL)
+    assert scope_of(["viscous-damping"], "one-body") is not None
+
+
+def test_what_is_said_of_a_restricted_search():
+    record = {"verdict": "agrees", "where": {"summary": "Nothing is left."}, "remarks": []}
+    assert bounded(record, [], "") == record
+    assert limits_of(record) == ""
+    said = bounded(record, ["contact", "sensor"], "fitting")
+    assert said["where"]["summary"].startswith("Nothing but contact and sensor was looked for: what else may be")
+    assert limits_of(said) == "only contact and sensor looked for, unfinished"
+    assert sentence(said).startswith("Only contact and sensor looked for, unfinished. As far as that goes: ")
+
+
+def test_stages_say_how_long_they_may_take():
+    now, said = iter([0.0, 10.0]), []
+    progress = Progress(said.append, lambda: next(now))
+    progress.stage(FITTING)
+    progress.stage(SEARCHING)
+    progress.stage(EXTENDING)
+    assert said[0] == "stage 1 of 5: fitting the paper's model"
+    assert said[1].startswith("stage 2 of 5: looking for what is missing; about ")
+    assert f"{10.0 * EXTENDING.most / 60.0:.1g} min to go" in said[2]
+
+
+@pytest.mark.slow
+def test_nothing_else_is_looked_for(schema):
+    """The example's rock resists fast blows: springs do not explain that, and that is not said to be all."""
+    report = diagnose(EXAMPLE, only=["stiffness-hardening"])
+    assert report.verdict == "unexplained"
+    assert report.record["only"] == ["stiffness-hardening"]
+    assert "only stiffness-hardening looked for" in report.text()
+    assert {each["mechanism"] for each in report.record["rejected"] if "another" not in each["mechanism"]} <= {
+        "stiffness-hardening",
+        "force-limit",
+    }
+    jsonschema.validate(report.record, schema)
+
+
+@pytest.mark.slow
+def test_an_interruption_keeps_what_is_known(tmp_path, capsys, monkeypatch, schema):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verdict, "extended", interrupted)
+    assert cli.main(["diagnose", EXAMPLE, "--only", "contact", "--out", str(tmp_path)]) == 130
+    printed = capsys.readouterr()
+    lines = printed.err.splitlines()
+    assert [each[:7] for each in lines[:-1]] == ["stage 1", "stage 2", "stage 3", "stage 5"]
+    assert lines[-1] == "drillenv: interrupted while fitting whole recordings: the report is unfinished"
+    record = json.loads((tmp_path / "report.json").read_text())
+    jsonschema.validate(record, schema)
+    assert record["unfinished"] == "fitting whole recordings"
+    assert [each["mechanism"] for each in record["findings"]] == ["contact-rate"]
+    assert "unfinished" in printed.out.splitlines()[0]
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(EXAMPLE, only=["contact"])
+
+
+@pytest.fixture
+def schema():
+    """Of report.json."""
+    from importlib.resources import files
+
+    return json.loads((files("drillenv.diagnosis") / "report.schema.json").read_text())
