@@ -27,9 +27,9 @@ from drillenv.blind.marking import mark
 from drillenv.blind.mechanisms import MECHANISMS, Concealed, Site, concealed
 from drillenv.blind.rig import DRIVE_AT_ZERO, DRIVE_PER_HERTZ
 from drillenv.blind.sensors import Logger
-from drillenv.diagnosis.plan import plan_campaign
 from drillenv.diagnosis.report import diagnose
 from drillenv.files import whole
+from drillenv.planning.plan import plan_campaign
 from drillenv.rig import Setting
 from drillenv.rocks import rock
 

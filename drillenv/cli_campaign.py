@@ -75,7 +75,7 @@ def _plan(given: argparse.Namespace) -> None:
     if given.out is not None:
         choice("the ending of --out", Path(given.out).suffix.lower(), SHEETS)
         check_writable(given.out)
-    from drillenv.diagnosis.plan import plan_campaign
+    from drillenv.planning.plan import plan_campaign
     from drillenv.recordings.made import NOISE
 
     rock, rig, effects = _planned_rig(given)

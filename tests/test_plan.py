@@ -14,19 +14,19 @@ from benchmarks.plan import counts
 from drillenv import Setting, cli
 from drillenv.checks import InputError
 from drillenv.corrected import Corrected, model_record
-from drillenv.diagnosis import plan_information
 from drillenv.diagnosis.constants import constants
 from drillenv.diagnosis.drill import scene_of
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.equations import Around
 from drillenv.diagnosis.fitting import priors_of
-from drillenv.diagnosis.plan import plan_campaign, slow_remarks
-from drillenv.diagnosis.plan_choice import Judge, chosen_from, places_held_out
-from drillenv.diagnosis.plan_information import FLAT, Site, axes_over, candidate, grid, settle, signatures_of, survey
-from drillenv.diagnosis.plan_signatures import parameters_at, planned_for, signatures, size_of
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.dynamics.effects import LIBRARY, make
 from drillenv.dynamics.sensors import record
+from drillenv.planning import information as plan_information
+from drillenv.planning.choice import Judge, chosen_from, places_held_out
+from drillenv.planning.information import FLAT, Site, axes_over, candidate, grid, settle, signatures_of, survey
+from drillenv.planning.plan import plan_campaign, slow_remarks
+from drillenv.planning.signatures import parameters_at, planned_for, signatures, size_of
 from drillenv.recordings.made import believed
 from drillenv.rig import Rig
 from drillenv.rocks import rock

@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drillenv.diagnosis.plan import Plan, PlannedRecording, Resolvable
+    from drillenv.planning.plan import Plan, PlannedRecording, Resolvable
 
 STARTS = {
     "running": "running: let the rig run for a second or more, then record",

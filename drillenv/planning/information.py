@@ -28,7 +28,6 @@ from drillenv.diagnosis.equations import Around
 from drillenv.diagnosis.fitting import JOINED, priors_of
 from drillenv.diagnosis.laws import MOUNT_LAW, Curve, axes_of, families
 from drillenv.diagnosis.noise import NoiseModel
-from drillenv.diagnosis.plan_signatures import Signature, planned_for, signatures, stated_term
 from drillenv.diagnosis.solver import Floats, eliminated
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis, Term
@@ -36,6 +35,7 @@ from drillenv.dynamics.effects import REGISTRY, Chosen
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.motion import motion
 from drillenv.dynamics.sensors import PerChannel, record
+from drillenv.planning.signatures import Signature, planned_for, signatures, stated_term
 from drillenv.recordings import Channel, Recording
 from drillenv.recordings.made import LEAD, NOISE, UNITS, believed
 from drillenv.rig import Rig, Setting

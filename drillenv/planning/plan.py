@@ -1,7 +1,7 @@
 """Plans of campaigns: at which settings to record a rig, so that a diagnosis tells most mechanisms apart.
 
-:mod:`~drillenv.diagnosis.plan_information` says what a recording at a setting would say of each mechanism,
-:mod:`~drillenv.diagnosis.plan_choice` chooses, and :mod:`~drillenv.diagnosis.plan_sheet` writes the sheet for the lab.
+:mod:`~drillenv.planning.information` says what a recording at a setting would say of each mechanism,
+:mod:`~drillenv.planning.choice` chooses, and :mod:`~drillenv.planning.sheet` writes the sheet for the lab.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from drillenv.checks import InputError, count, number
 from drillenv.diagnosis.drill import scene_of
 from drillenv.diagnosis.equations import scalars_of
-from drillenv.diagnosis.plan_choice import FAINTEST, INSEPARABLE, Judge, Resolution, chosen_from, places_held_out
-from drillenv.diagnosis.plan_information import Site, Survey, grid, survey
-from drillenv.diagnosis.plan_signatures import parameters_at, planned_for, size_of, waves_of
 from drillenv.diagnosis.sinusoids import FEWEST_CYCLES
 from drillenv.dynamics.effects import REGISTRY, Chosen
 from drillenv.dynamics.motion_hybrid import effects_meant
 from drillenv.dynamics.sensors import PerChannel
+from drillenv.planning.choice import FAINTEST, INSEPARABLE, Judge, Resolution, chosen_from, places_held_out
+from drillenv.planning.information import Site, Survey, grid, survey
+from drillenv.planning.signatures import parameters_at, planned_for, size_of, waves_of
 from drillenv.recordings.document import DRILL, SAMPLE_RATE_LIMITS
 from drillenv.recordings.made import NOISE, STEPS
 from drillenv.rig import (
@@ -97,7 +97,7 @@ class Plan:
     """In the order in which to make them."""
     mechanisms: tuple[Resolvable, ...]
     criterion: float
-    """See :meth:`drillenv.diagnosis.plan_choice.Judge.value`."""
+    """See :meth:`drillenv.planning.choice.Judge.value`."""
     candidates: int
     """Recordings among which they were chosen."""
     irregular: int
@@ -110,13 +110,13 @@ class Plan:
 
     def text(self) -> str:
         """The sheet as Markdown."""
-        from drillenv.diagnosis.plan_sheet import markdown
+        from drillenv.planning.sheet import markdown
 
         return markdown(self)
 
     def csv(self) -> str:
         """The recordings as a table of comma-separated values."""
-        from drillenv.diagnosis.plan_sheet import comma_separated
+        from drillenv.planning.sheet import comma_separated
 
         return comma_separated(self)
 
@@ -137,7 +137,7 @@ def plan_campaign(
 
     Maximised is the mean, over the mechanisms of the library, of the negative logarithms of the smallest strength that
     is found alone and of that from which it is taken for no other: a compound of D_s- and T-optimality, see
-    :mod:`drillenv.diagnosis.plan_choice` for sources.
+    :mod:`drillenv.planning.choice` for sources.
 
     Args:
         rock: Under the indenter, as believed.

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from drillenv.diagnosis.laws import Curve
-from drillenv.diagnosis.plan_information import Candidate, Survey
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.thresholds import FALSE_ALARMS, RESOLVED
 from drillenv.diagnosis.verdict import held_out
+from drillenv.planning.information import Candidate, Survey
 
 COEFFICIENTS = 8
 """Of a free law, about as many as a diagnosis tries a mechanism by."""
