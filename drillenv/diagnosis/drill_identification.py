@@ -97,7 +97,7 @@ def precision_of(fitted: Fitted, family: Family) -> Floats:
     names = {each.name for each in (fitted.hypothesis.terms[0], *family.terms)}
     terms = fitted.hypothesis.terms
     inside = np.repeat([each.name in names for each in terms], [len(each.unknowns) for each in terms])
-    covariance = fitted.fit.covariance[np.ix_(inside, inside)]
+    covariance = fitted.fit.covariance[np.ix_(inside, inside)]  # pyright: ignore[reportCallIssue]
     precision = np.linalg.pinv(covariance, hermitian=True) + 1e-9 * np.eye(len(covariance))
     return np.asarray(np.linalg.cholesky(precision), dtype=float)
 

@@ -135,7 +135,7 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
     each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
     return Information(
         np.array([each[0][each_once] for each in reduced]),
-        np.array([each[1][np.ix_(each_once, each_once)] for each in reduced]),
+        np.array([each[1][np.ix_(each_once, each_once)] for each in reduced]),  # pyright: ignore[reportCallIssue]
         np.append(weights * (fitted.fit.shared - fitted.priors.centre), np.zeros(more.size)),
         np.append(weights, more),
         known,

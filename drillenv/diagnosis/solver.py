@@ -217,7 +217,7 @@ def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: f
     free &= full > 0.0
     step = np.zeros_like(shared)
     if free.any():
-        inside = hessian[np.ix_(free, free)] + np.diag((damping + 1e-10) * full[free])
+        inside = hessian[np.ix_(free, free)] + np.diag((damping + 1e-10) * full[free])  # pyright: ignore[reportCallIssue]
         step[free] = -np.linalg.solve(inside, gradient[free])
         step = np.clip(shared + step, priors.low, priors.high) - shared
     moves = [-(constant + slope @ step) for _, _, constant, slope in reduced]

@@ -29,9 +29,9 @@ class Wild(Mine):
 NUMBER = 3
 """
 FILES = {
-    "my_lab/__init__.py": "",
-    "my_lab/rules.py": MINE,
-    "my_lab/broken.py": "import nowhere_to_be_found\n",
+    "site/my_lab/__init__.py": "",
+    "site/my_lab/rules.py": MINE,
+    "site/my_lab/broken.py": "import nowhere_to_be_found\n",
     "controllers/__init__.py": "from my_lab.rules import Mine\n",
     "training.py": "raise RuntimeError('this is the project\\'s own')\n",
     "site/my_lab-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: my-lab\nVersion: 1.0\n",

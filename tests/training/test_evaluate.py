@@ -416,7 +416,7 @@ def test_the_page_says_what_the_record_holds(file):
 def test_the_policies_of_the_learned_rows_are_kept():
     for file in TABLES:
         kept = read_record(file)["runs"]
-        for name, runs in entries(["ppo-vine", "recurrent-ppo"], POLICIES).items():
+        for name, runs in entries(["ppo-vine", "ppo", "recurrent-ppo"], POLICIES).items():
             assert [run.policy for run in runs] == [run["policy"] for run in kept[name]]
             assert len({run.seed for run in runs}) == len(runs)
         assert len(kept["ppo-vine"]) == 5
@@ -426,7 +426,7 @@ def test_the_policies_of_the_learned_rows_are_kept():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["random", "fixed", "rules", "scheduled", "seeking", "shipped", "ppo-vine", "recurrent-ppo"]
+    "name", ["random", "fixed", "rules", "scheduled", "seeking", "shipped", "ppo-vine", "ppo", "recurrent-ppo"]
 )
 @pytest.mark.parametrize("where", ["test", "beyond", "constants"])
 def test_the_cheap_rows_are_current(name, where):
