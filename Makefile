@@ -15,15 +15,15 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .NOTPARALLEL:
 
 help:
-	@echo "make demo       reproduce the paper's motions into out/paper"
+	@echo "make demo       the published motions, a film and a diagnosis, and a page that leads to them, into out/demo"
 	@echo "make test       every test but the longest; DRILLENV_THOROUGH=1 adds them"
 	@echo "make test-fast  the tests that take a few seconds at most"
 	@echo "make lint       ruff and pyright"
 	@echo "make bench      what is faster than what, measured here"
-	@echo "make clean      remove what was installed and cached, and out/paper"
+	@echo "make clean      remove what was installed and cached, and out/demo"
 
 demo: $(VENV)/base.stamp
-	@$(BIN)/drillenv paper --out out/paper
+	@$(BIN)/drillenv demo --out out/demo
 
 # each worker has a core: threads of linear algebra would only get into each other's way
 test test-fast: export OPENBLAS_NUM_THREADS = 1
@@ -47,7 +47,7 @@ bench: $(VENV)/dev.stamp
 	@$(BIN)/python -m benchmarks.batch
 
 clean:
-	rm -rf $(VENV) out/paper build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) out/demo build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/created.stamp:
@@ -56,10 +56,10 @@ $(VENV)/created.stamp:
 	@$(PYTHON) -m venv $(VENV)
 	@touch $@
 
-# make demo needs only what drillenv itself imports.
+# make demo needs only what drillenv itself imports, and what plays a policy.
 $(VENV)/base.stamp: pyproject.toml $(VENV)/created.stamp
 	@echo "Installing drillenv into $(VENV) (a few minutes the first time)"
-	@$(INSTALL) -e .
+	@$(INSTALL) -e ".[controllers]"
 	@touch $@
 
 $(VENV)/dev.stamp: pyproject.toml $(VENV)/created.stamp

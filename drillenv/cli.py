@@ -126,6 +126,7 @@ def _parser() -> Parser:
         ("record", add_record, "play of controllers as a dataset of Minari, for offline learning"),
         ("film", add_film, "an episode as a film: one controller or several beside each other"),
         ("paper", _add_paper, "compute every published motion and draw its figure"),
+        ("demo", _add_demo, "what all of this does: a page that leads to motions, a film and a diagnosis"),
     ):
         command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
         add(command)
@@ -732,6 +733,18 @@ def _folder_option(out: str) -> Path:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out is {shown(out)}, which is a file: give the name of a folder")
     return folder
+
+
+def _add_demo(parser: Parser) -> None:
+    parser.add_argument("--out", default="demo", metavar="DIR", help="folder of the page (default demo)")
+    parser.set_defaults(run=_demo, compiles=False)
+
+
+def _demo(given: argparse.Namespace) -> None:
+    folder = _folder_option(given.out)
+    from drillenv.demo import demonstrate
+
+    demonstrate(folder, lambda text: print(text, flush=True))
 
 
 def _paper(given: argparse.Namespace) -> None:
