@@ -138,9 +138,11 @@ def read_policy(folder: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarra
     inputs, layers = CENTRE.size * int(record.get("stack", 0)), int(record.get("layers", -1))
     for i in range(layers):
         shape = weights[f"layer{i}.weight"].shape if f"layer{i}.weight" in weights else ()
-        if len(shape) != 2 or shape[1] != inputs or weights[f"layer{i}.bias"].shape != shape[:1]:
+        bias = weights.get(f"layer{i}.bias", np.empty(0))
+        if len(shape) != 2 or shape[1] != inputs or bias.shape != shape[:1]:
             raise InputError(f"policy {shown(str(folder))} has other weights than it says: give another")
         inputs = shape[0]
-    if weights.get("action.weight", np.empty(0)).shape != (4, inputs) or weights["action.bias"].shape != (4,):
+    last = [weights.get(f"action.{part}", np.empty(0)).shape for part in ("weight", "bias")]
+    if last != [(4, inputs), (4,)]:
         raise InputError(f"policy {shown(str(folder))} has other weights than it says: give another")
     return record, weights
