@@ -132,7 +132,7 @@ def family_of(survey: Survey, mechanism: str) -> int | None:
 
 def taken_up(left: Floats, many: int, rival: NDArray[np.int64]) -> Floats:
     """(many,) information of the first rows that is taken up by those of a rival."""
-    within = left[np.ix_(rival, rival)]
+    within = left[rival][:, rival]
     # by its own size: coefficients of a law that no motion shows
     within = within + np.diag(1e-9 * np.diag(within) + 1e-300)
     across = left[:many, rival]

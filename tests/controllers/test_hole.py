@@ -59,7 +59,7 @@ def test_the_table_is_read_at_its_points_and_between():
     assert out == pytest.approx(values[0, 0, 0, -1], rel=1e-12)
 
 
-@pytest.mark.parametrize("setting", [(120.0, 0.42, 0.8), (90.0, 0.5, 0.7), (100.0, 0.35, 0.65)])
+@pytest.mark.parametrize("setting", [(120.0, 0.42, 0.8), (90.0, 0.57, 0.6), (100.0, 0.45, 0.6)])
 def test_the_plan_foretells_what_the_plant_does_once_settled(setting):
     task, holes = hole_task()
     env = gym.make("drillenv/DrillBit-v0", scenario="validation", noise=0.0, without=["breakage"])
@@ -75,7 +75,7 @@ def test_the_plan_foretells_what_the_plant_does_once_settled(setting):
         room = np.empty(FEATURES)
         rate, wear_rate, rise, _, peak = drilled(ph, 0, wear, np.array(setting), room)
         # where motions end in others, the table is between two of them
-        if info["hole_layer"] > 0 or min(info["single_share"], room[SINGLE]) < 0.99:
+        if info["hole_layer"] > 0 or min(info["single_share"], room[SINGLE]) < 0.95:
             continue
         assert 1e3 * rate == pytest.approx(info["penetration_rate"], rel=0.06)
         assert peak == pytest.approx(info["largest_peak_force"], rel=0.06)
