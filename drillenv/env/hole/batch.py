@@ -316,8 +316,13 @@ class HoleBatch(Batch):
 
     def info(self, i: int) -> dict[str, Any]:
         """The truth about the last step of rig i."""
-        row = self.infos(np.arange(self.n) == i)
-        return {name: _plain(values[i]) for name, values in row.items() if not name.startswith("_")}
+        truth, state = self.truths[i].tolist(), self.holes.states[i].tolist()
+        info: dict[str, Any] = {name: truth[j] for name, j in NAMED}
+        info["motion"] = motion_name(truth[T_PERIOD], truth[T_LABEL])
+        info["cost"] = info["force_excess"]
+        info |= {name: state[j] for name, j in SHOWN.items()}
+        left = float(self._costs[METRE]) * (state[TARGET] - state[DEPTH])
+        return info | {"cost_per_metre": (state[SPENT] + left) / state[TARGET]}
 
     def infos(self, which: np.ndarray) -> dict[str, Any]:
         """As ``info`` for the rigs marked in ``which`` (n,), in Gymnasium's form."""
@@ -332,7 +337,3 @@ class HoleBatch(Batch):
         target = np.where(which, states[:, TARGET], 1.0)
         infos["cost_per_metre"] = np.where(which, (states[:, SPENT] + left) / target, 0.0)
         return infos | {f"_{key}": which.copy() for key in infos}
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
