@@ -2,7 +2,8 @@
 
     python -m drillenv.training.hole_headroom --json headroom-bit.json --table docs/environment/README.md
 
-Each row is written to the file when it is done, and not run again if it is there.
+Each row is written to the file when it is done, and not run again if it is there. Policies of several seeds are
+one row.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from drillenv.checks import InputError, count
 from drillenv.cli import Parser
 from drillenv.controllers import Controller, OnPlant
 from drillenv.controllers.fixed import Random
+from drillenv.controllers.hole.learned import HoleLearned
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.planning import physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
@@ -34,6 +36,8 @@ PINNED = ("frequency", "amplitude", "pressure")
 PIN_HOLES = 10
 """Holes of "validation" on which the best constant of a pinned action is searched, by the plan alone."""
 ORACLE = "oracle"
+NOISES = 3
+"""Times that a hole is drilled by those who see readings only, each with other noise on them."""
 
 
 class RandomHole(Random):
@@ -66,23 +70,39 @@ def best_pin(control: int) -> np.ndarray:
     return pinned(control, int(np.argmin(costs)))
 
 
-def entries() -> dict[str, Callable[[], Controller]]:
-    """The rows, each made when it is run."""
-    rows: dict[str, Callable[[], Controller]] = {
-        ORACLE: HoleOracle,
-        "random": RandomHole,
-        "fixed": HoleFixed,
-        "rules": HoleRules,
-        "greedy, by the reward": lambda: Greedy(wear_share=0.0),
-        "greedy, wear at the price of a bit": lambda: Greedy(wear_share=1.0),
-        "oracle, no change of bits": lambda: HoleOracle(changes=False),
+def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callable[[], list[Controller]]]:
+    """The rows, each made when it is run.
+
+    Args:
+        policies: Folders of policies trained alike, by seed.
+        myopic: The same with a discount of 0.
+    """
+    rows: dict[str, Callable[[], list[Controller]]] = {
+        ORACLE: lambda: [HoleOracle()],
+        "random": lambda: [RandomHole()],
+        "fixed": lambda: [HoleFixed()],
+        "rules": lambda: [HoleRules()],
+        "greedy, by the reward": lambda: [Greedy(wear_share=0.0)],
+        "greedy, wear at the price of a bit": lambda: [Greedy(wear_share=1.0)],
+        "oracle, no change of bits": lambda: [HoleOracle(changes=False)],
     }
     for control, name in enumerate(PINNED):
-        rows[f"oracle, {name} pinned"] = lambda control=control: HoleOracle(settings=best_pin(control))
+        rows[f"oracle, {name} pinned"] = lambda control=control: [HoleOracle(settings=best_pin(control))]
+    if policies:
+        rows[f"ppo, {len(policies)} seeds"] = lambda: [HoleLearned(each) for each in policies]
+    if myopic:
+        rows["ppo, gamma 0"] = lambda: [HoleLearned(each) for each in myopic]
     return rows
 
 
-def play(controller: Controller, scenario: str, episodes: int, seed: int = 0) -> dict[str, list[float]]:
+def row_of(alike: Sequence[Controller], scenario: str, episodes: int) -> dict[str, list[float]]:
+    """What controllers of one kind did in each hole, in the mean over them and over the noise."""
+    seeds = range(1 if alike[0].sees_truth else NOISES)
+    made = [play(each, scenario, episodes, seed) for each in alike for seed in seeds]
+    return {name: np.mean([each[name] for each in made], axis=0).tolist() for name in made[0]}
+
+
+def play(controller: Controller, scenario: str, episodes: int, seed: int) -> dict[str, list[float]]:
     """What a controller did in each hole."""
     env = gym.make("drillenv/DrillBit-v0", scenario=scenario)
     kept: dict[str, list[float]] = {name: [] for name in (*MEASURES, "plan")}
@@ -146,14 +166,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=60, help="the first so many (default 60)")
     parser.add_argument("--json", type=Path, required=True, help="the record, which is gone on with where it exists")
     parser.add_argument("--table", type=Path, help="write the table into its place in this page")
+    note = "folders of policies of drillenv.training.hole_ppo, by seed"
+    parser.add_argument("--policies", nargs="+", default=[], metavar="DIR", help=note)
+    parser.add_argument("--myopic", nargs="+", default=[], metavar="DIR", help="the same with a gamma of 0")
     try:
         given = parser.parse_args(arguments)
         episodes = count("episodes", given.episodes, 1, 1000)
         check_writable(given.json)
         record = begun(given.json, given.scenario, episodes)
-        for name, make in entries().items():
+        for name, make in entries(given.policies, given.myopic).items():
             if name not in record["rows"]:
-                record["rows"][name] = play(make(), given.scenario, episodes)
+                record["rows"][name] = row_of(make(), given.scenario, episodes)
                 with whole(given.json) as part:
                     part.write_text(json.dumps(record) + "\n", encoding="utf-8")
         if given.table is not None:
