@@ -18,16 +18,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.spaces import Box
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecFrameStack
 
 from drillenv.controllers.hole.learned import HoleLearned, actions_of, scaled, write_policy
 from drillenv.files import whole
 from drillenv.training.hole_search import costs_per_metre
 from drillenv.training.sb3 import DrillVecEnv
+from drillenv.training.scaling import Prepared
 
 RIGS, STEPS, BATCH, EPOCHS = 64, 128, 2048, 5
 STACK = 3
@@ -44,33 +43,6 @@ WORTH = 0.05
 """Factor on the rewards, for the critic."""
 EVALUATE = 24
 """Updates between two points of the curve."""
-
-
-class ScaledHole(VecEnvWrapper):
-    """Scales readings and rewards, and gives the rigs actions for what the policy asks for."""
-
-    def __init__(self, rigs: VecEnv):
-        given = rigs.observation_space
-        assert isinstance(given, Box)
-        super().__init__(rigs, Box(scaled(given.low), scaled(given.high), dtype=np.float32))
-
-    def reset(self) -> np.ndarray:
-        """Start a hole with every rig."""
-        observations = self.venv.reset()
-        assert isinstance(observations, np.ndarray)
-        return scaled(observations)
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Take the outputs (n, 4) of the policy."""
-        self.venv.step_async(actions_of(actions))
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Drill for a step."""
-        observations, rewards, dones, infos = self.venv.step_wait()
-        assert isinstance(observations, np.ndarray)
-        for i in np.flatnonzero(dones).tolist():
-            infos[i]["terminal_observation"] = scaled(infos[i]["terminal_observation"])
-        return scaled(observations), (WORTH * rewards).astype(np.float32), dones, infos
 
 
 class Curve(BaseCallback):
@@ -119,7 +91,7 @@ def train(out: Path, steps: int, seed: int, gamma: float, threads: int | None) -
     rigs = DrillVecEnv("drillenv/DrillBit-v0", RIGS, threads=threads)
     model = PPO(
         "MlpPolicy",
-        VecFrameStack(ScaledHole(rigs), STACK),
+        VecFrameStack(Prepared(rigs, scaled, actions_of, WORTH), STACK),
         gamma=gamma,
         gae_lambda=LAMBDA,
         n_steps=STEPS,

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from drillenv.controllers.hole.learned import HoleLearned, actions_of
+from drillenv.controllers.hole.learned import HoleLearned, actions_of, scaled
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.training import hole_headroom, hole_ppo, hole_search
 from drillenv.training.sb3 import DrillVecEnv
+from drillenv.training.scaling import Prepared
 
 
 @pytest.mark.parametrize("make", [HoleFixed, HoleRules])
@@ -50,7 +51,7 @@ def test_an_untrained_policy_on_numpy_is_the_one_of_the_library(tmp_path):
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecFrameStack
 
-    rigs = VecFrameStack(hole_ppo.ScaledHole(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1)), 3)
+    rigs = VecFrameStack(Prepared(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1), scaled, actions_of, 1.0), 3)
     model = PPO("MlpPolicy", rigs, policy_kwargs={"net_arch": [16, 8]}, seed=0, device="cpu")
     hole_ppo.write_policy(tmp_path / "p", hole_ppo.weights_of(model), 3, {})
     learned = HoleLearned(tmp_path / "p")

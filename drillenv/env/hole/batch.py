@@ -122,35 +122,30 @@ def meet_rock(plants: Plants, i: int, hole: np.ndarray, layers: np.ndarray, limi
 
 
 @njit(**INLINE)
-def fit_bit(hole: np.ndarray):
-    """A sharp bit in the place of the present one."""
+def fit_bit(hole: np.ndarray, price: float, duration: float):
+    """A sharp bit in the place of the present one, which takes ``duration`` in s; the coil cools meanwhile."""
     hole[BIT] += 1.0
     hole[WEAR], hole[BLOWS], hole[BIT_FROM] = 0.0, 0.0, hole[DEPTH]
+    hole[STEP_SPENT] += price
+    stand(hole, duration)
 
 
 @njit(**INLINE)
-def change_bit(hole: np.ndarray, costs: np.ndarray):
-    """Pull, change and run in: what it takes and costs; the coil cools meanwhile."""
-    fit_bit(hole)
-    hole[CHANGED] += 1.0
-    hole[STEP_TIME] += costs[CHANGE_TIME]
-    hole[STEP_SPENT] += costs[BIT_PRICE]
-    hole[RISE] = shaker.rise_after(hole[RISE], 0.0, costs[CHANGE_TIME])
+def stand(hole: np.ndarray, duration: float):
+    """Let the rig stand for ``duration`` in s."""
+    hole[STEP_TIME] += duration
+    hole[RISE] = shaker.rise_after(hole[RISE], 0.0, duration)
 
 
 @njit(**INLINE)
-def stand(hole: np.ndarray, strengths: np.ndarray, costs: np.ndarray):
+def suffer(hole: np.ndarray, strengths: np.ndarray, costs: np.ndarray):
     """What follows a coil that is too hot, and a bit that breaks."""
     if hole[RISE] > shaker.LIMIT:
         hole[TRIPPED] += 1.0
-        hole[STEP_TIME] += shaker.TRIP_TIME
-        hole[RISE] = shaker.rise_after(hole[RISE], 0.0, shaker.TRIP_TIME)
+        stand(hole, shaker.TRIP_TIME)
     if hole[WEAR] >= strengths[int(hole[BIT]) % MOST_BITS]:
-        fit_bit(hole)
         hole[BROKEN] += 1.0
-        hole[STEP_TIME] += costs[FISHING_TIME]
-        hole[STEP_SPENT] += costs[BIT_PRICE]
-        hole[RISE] = shaker.rise_after(hole[RISE], 0.0, costs[FISHING_TIME])
+        fit_bit(hole, costs[BIT_PRICE], costs[FISHING_TIME])
 
 
 @njit(**INLINE)
@@ -176,7 +171,7 @@ def go_on(hole, layers, strengths, truth, worn: float, blows: float, setting, li
     power = costs[COMPRESSOR] + shaker.COIL_POWER * final / shaker.LIMIT + truth[T_DRIVE]
     hole[STEP_SPENT] += costs[ENERGY] * power * duration + hole[OWED]
     hole[OWED] = 0.0
-    stand(hole, strengths, costs)
+    suffer(hole, strengths, costs)
     hole[STEP_SPENT] += costs[RIG_RATE] * hole[STEP_TIME]
     hole[SPENT] += hole[STEP_SPENT]
     hole[TIME] += hole[STEP_TIME]
@@ -219,7 +214,8 @@ def step_holes(
         hole[STEP_DEPTH] = hole[STEP_SPENT] = hole[STEP_TIME] = 0.0
         begun = hole[BEGUN] > 0.0
         if begun and actions[i, 3] > 0.0:
-            change_bit(hole, costs)
+            hole[CHANGED] += 1.0
+            fit_bit(hole, costs[BIT_PRICE], costs[CHANGE_TIME])
         set_from_action(actions[i], increment, plants.memories[i], setting)
         setting[1] = min(setting[1], shaker.largest_amplitude(setting[0], limits.amplifier))
         plants.rigs[i, plant.RIG_DRIVE] = shaker.share_transmitted(setting[0], hole[RESONANCE], limits.frame)
