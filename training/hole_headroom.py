@@ -89,7 +89,9 @@ def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callabl
     for control, name in enumerate(PINNED):
         rows[f"oracle, {name} pinned"] = lambda control=control: [HoleOracle(settings=best_pin(control))]
     if policies:
-        rows[f"ppo, {len(policies)} seeds"] = lambda: [HoleLearned(each) for each in policies]
+        rows[f"ppo, {len(policies)} seed{'s' if len(policies) > 1 else ''}"] = lambda: [
+            HoleLearned(each) for each in policies
+        ]
     if myopic:
         rows["ppo, gamma 0"] = lambda: [HoleLearned(each) for each in myopic]
     return rows
