@@ -132,9 +132,12 @@ def mislabelled_pressures(recordings: Sequence[Recording]) -> list[Label]:
     """Those whose mean force does not lie on the line of the others."""
     pressures = np.array([setting_of(each).pressure for each in recordings])
     means = np.array([mean_force(each) for each in recordings])
+    fresh = np.array([each.starts == "fresh" for each in recordings])
     inside, found = np.isfinite(means), []
     while len(found) < len(recordings) // MOST_WRONG and inside.sum() > FEWEST_FOR_A_LINE:
-        residuals = [leave_one_out_residual(pressures, means, i, inside) for i in np.flatnonzero(inside).tolist()]
+        residuals = [
+            leave_one_out_residual(pressures, means, fresh, i, inside) for i in np.flatnonzero(inside).tolist()
+        ]
         worst = int(np.argmax([each[0] for each in residuals]))
         off, seems, std = residuals[worst]
         if off < STANDS_OUT or not PRESSURE_LIMITS[0] <= seems <= PRESSURE_LIMITS[1]:
@@ -146,11 +149,12 @@ def mislabelled_pressures(recordings: Sequence[Recording]) -> list[Label]:
 
 
 def leave_one_out_residual(
-    pressures: np.ndarray, means: np.ndarray, i: int, inside: np.ndarray
+    pressures: np.ndarray, means: np.ndarray, fresh: np.ndarray, i: int, inside: np.ndarray
 ) -> tuple[float, float, float]:
     """By how many standard deviations the mean force of recording i is off the line of the others.
 
-    And its pressure by that line in bar, with the standard deviation of that.
+    And its pressure by that line in bar, with the standard deviation of that. What recordings from rest share is no
+    matter of a label: air behind the piston that relaxes, or a coupled load cell that settles.
     """
     others = inside.copy()
     others[i] = False
@@ -161,8 +165,14 @@ def leave_one_out_residual(
         return 0.0, 0.0, 0.0
     left = means[others] - level - slope * pressures[others]
     expected = level + slope * pressures[i]
-    scatter = max(MAD_TO_STD * float(np.median(np.abs(left))), PRESSURE_SCATTER * abs(expected))
-    return abs(float(means[i] - expected)) / scatter, float((means[i] - level) / slope), float(scatter / slope)
+    # the factor for few points by a line: P. J. Rousseeuw and A. M. Leroy, Robust Regression, 1987, chapter 5
+    few = 1.0 + 5.0 / (int(others.sum()) - 2)
+    scatter = max(few * MAD_TO_STD * float(np.median(np.abs(left))), PRESSURE_SCATTER * abs(expected))
+    off = float(means[i] - expected)
+    if fresh[i] and (others & fresh).any():
+        shared = expected * float(np.median((left / (means[others] - left))[fresh[others]]))
+        off = min(off, off - shared, key=abs)
+    return abs(off) / scatter, float((means[i] - level) / slope), float(scatter / slope)
 
 
 def mean_force(recording: Recording) -> float:
