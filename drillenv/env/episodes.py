@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -78,24 +78,13 @@ def read_episode(record: object, where: str) -> Episode:
     """
     if not isinstance(record, Mapping) or set(record) != set(KEYS):
         raise InputError(f"{where} is {shown(record)}: give a record with {', '.join(KEYS)}")
-    rows = record["layers"]
-    if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_LAYERS:
-        raise InputError(f"{where}: layers is {shown(rows)}: give a list of 1 to {MOST_LAYERS} layers")
-    layers, depth = np.empty((len(rows), LAYER_SIZE)), 0.0
-    for j, row in enumerate(rows):
-        name = f"{where}, layer {j}"
-        if not isinstance(row, list) or len(row) != LAYER_SIZE:
-            raise InputError(f"{name} is {shown(row)}: give [k_l in MN/m, k_u in MN/m, thickness in mm, case or 0]")
-        low, high = STIFFNESS_LIMITS
-        kl = number(f"{name} k_l", row[0], low / 1e6, high / 1e6, "MN/m") * 1e6
-        ku = number(f"{name} k_u", row[1], kl / 1e6, high / 1e6, "MN/m") * 1e6
-        if j == len(rows) - 1:
-            if row[2] is not None:
-                raise InputError(f"{name} has a thickness of {shown(row[2])}: the last layer has none, give null")
-            depth = math.inf
-        else:
-            depth += number(f"{name} thickness", row[2], 0.1, 1e6, "mm") * 1e-3
-        layers[j] = kl, ku, depth, count(f"{name} case", row[3], 0, len(ROCKS))
+    layers = read_layers(
+        record["layers"],
+        where,
+        "thickness in mm, case or 0",
+        lambda name, given: number(f"{name} thickness", given, 0.1, 1e6, "mm") * 1e-3,
+        lambda name, given: count(f"{name} case", given, 0, len(ROCKS)),
+    )
     if not isinstance(record["rig"], Mapping) or set(record["rig"]) != set(TOLERANCES):
         raise InputError(f"{where}: rig is {shown(record['rig'])}: give a record with {', '.join(TOLERANCES)}")
     return Episode(
@@ -106,6 +95,45 @@ def read_episode(record: object, where: str) -> Episode:
         rig=rig_array(Rig(**record["rig"])),
         effects=read_effects(record["effects"], where),
     )
+
+
+def read_layers(
+    rows: object,
+    where: str,
+    form: str,
+    thickness: Callable[[str, object], float],
+    fourth: Callable[[str, object], float],
+) -> np.ndarray:
+    """(m, LAYER_SIZE) the layers of a record: stiffnesses in N/m, depth of the lower end in m, and a fourth number.
+
+    Args:
+        rows: As JSON has them.
+        where: Names the record in messages.
+        form: What the third and the fourth number of a row are, for messages.
+        thickness: Reads the third in m, given the name of the layer.
+        fourth: Reads the fourth.
+
+    Raises:
+        InputError: not such rows, or a value of the wrong kind or out of range.
+    """
+    if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_LAYERS:
+        raise InputError(f"{where}: layers is {shown(rows)}: give a list of 1 to {MOST_LAYERS} layers")
+    layers, end = np.empty((len(rows), LAYER_SIZE)), 0.0
+    low, high = STIFFNESS_LIMITS
+    for j, row in enumerate(rows):
+        name = f"{where}, layer {j}"
+        if not isinstance(row, list) or len(row) != LAYER_SIZE:
+            raise InputError(f"{name} is {shown(row)}: give [k_l in MN/m, k_u in MN/m, {form}]")
+        kl = number(f"{name} k_l", row[0], low / 1e6, high / 1e6, "MN/m") * 1e6
+        ku = number(f"{name} k_u", row[1], kl / 1e6, high / 1e6, "MN/m") * 1e6
+        if j == len(rows) - 1:
+            if row[2] is not None:
+                raise InputError(f"{name} has a thickness of {shown(row[2])}: the last layer has none, give null")
+            end = math.inf
+        else:
+            end += thickness(name, row[2])
+        layers[j] = kl, ku, end, fourth(name, row[3])
+    return layers
 
 
 def read_effects(record: object, where: str) -> dict[str, dict[str, Any]]:

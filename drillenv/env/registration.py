@@ -16,23 +16,17 @@ HOLE_IDS = tuple(f"drillenv/{name}-v0" for name in HOLES)
 
 def register_environments() -> None:
     """Register the environments; those that already are stay as they are."""
-    for name, kind in KINDS.items():
+    rocks = ("drillenv.env.scalar:DrillEnv", "drillenv.env.vector:DrillVectorEnv")
+    holes = ("drillenv.env.hole.envs:DrillBitEnv", "drillenv.env.hole.envs:DrillBitVectorEnv")
+    made = [(name, *rocks, STEPS[name], {"kind": kind}) for name, kind in KINDS.items()]
+    made += [(name, *holes, HOLE_STEPS[name], arguments) for name, arguments in HOLES.items()]
+    for name, one, many, steps, arguments in made:
         identity = f"drillenv/{name}-v0"
         if identity not in registry:
             register(
                 id=identity,
-                entry_point="drillenv.env.scalar:DrillEnv",
-                vector_entry_point="drillenv.env.vector:DrillVectorEnv",
-                max_episode_steps=STEPS[name],
-                kwargs={"kind": kind},
-            )
-    for name, arguments in HOLES.items():
-        identity = f"drillenv/{name}-v0"
-        if identity not in registry:
-            register(
-                id=identity,
-                entry_point="drillenv.env.hole.envs:DrillBitEnv",
-                vector_entry_point="drillenv.env.hole.envs:DrillBitVectorEnv",
-                max_episode_steps=HOLE_STEPS[name],
+                entry_point=one,
+                vector_entry_point=many,
+                max_episode_steps=steps,
                 kwargs=arguments,
             )

@@ -23,7 +23,7 @@ from drillenv.env.hole import shaker
 from drillenv.env.hole.bit import stiffening, wear_of
 from drillenv.env.hole.costs import BIT as BIT_PRICE
 from drillenv.env.hole.costs import CHANGE_TIME, COMPRESSOR, ENERGY, FISHING_TIME, METRE, RIG_RATE
-from drillenv.env.hole.episodes import LAYER_ABRASIVITY, LAYER_END, LAYER_KL, LAYER_KU, MOST_BITS, MOST_LAYERS, Hole
+from drillenv.env.hole.episodes import LAYER_ABRASIVITY, LAYER_END, LAYER_KL, LAYER_KU, MOST_BITS, Hole
 from drillenv.env.hole.readings import (
     ABRASIVITY,
     BEGUN,
@@ -51,7 +51,7 @@ from drillenv.env.hole.readings import (
     observe_hole,
 )
 from drillenv.env.observation import observe
-from drillenv.env.plant import PEAKS, S_KEPT, SUMS_SIZE, Plants, drill
+from drillenv.env.plant import MOST_LAYERS, PEAKS, S_KEPT, SUMS_SIZE, Plants, drill
 from drillenv.env.truth import (
     MOST_CYCLES,
     T_DEPTH,

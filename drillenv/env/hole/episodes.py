@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from drillenv.checks import InputError, number, shown
-from drillenv.env.episodes import draw_rocks
+from drillenv.env.episodes import draw_rocks, read_layers
 from drillenv.env.hole.bit import ABRASIVITY_RANGE, draw_strengths
 from drillenv.env.hole.shaker import RESONANCE_RANGE
-from drillenv.rocks import ROCKS, STIFFNESS_LIMITS
+from drillenv.env.plant import MOST_LAYERS
+from drillenv.rocks import ROCKS
 
 DEPTH, SHORT_DEPTH = 4.0, 1.0
 """Depth of a hole in m, and of one of the short variant."""
@@ -23,7 +24,6 @@ THICKNESS_RANGE = (0.3, 1.2)
 LEAST_HARDENING = 1.05
 """Unloading over loading stiffness: a rock with less gives nearly all of a blow back, and nothing drills it. Drawn with
 the spread of Table 2.2, one to three in a hundred have less."""
-MOST_LAYERS = 64
 MOST_BITS = 64
 """Strengths that an episode keeps; the bits after these begin with the first again."""
 KEYS = ("depth", "layers", "resonance", "strengths", "phase")
@@ -103,30 +103,14 @@ def read_hole(record: object, where: str) -> Hole:
         raise InputError(f"{where}: strengths is {shown(strengths)}: give a list of {MOST_BITS} numbers")
     return Hole(
         depth=number(f"{where} depth", record["depth"], 0.05, DEEPEST, "m"),
-        layers=_read_layers(record["layers"], where),
+        layers=read_layers(
+            record["layers"],
+            where,
+            "thickness in m, abrasivity",
+            lambda name, given: number(f"{name} thickness", given, 1e-3, 1e3, "m"),
+            lambda name, given: number(f"{name} abrasivity", given, 0.0, 100.0),
+        ),
         resonance=number(f"{where} resonance", record["resonance"], 1.0, 1e3, "Hz"),
         strengths=np.array([number(f"{where} strength", each, 1e-3, 1e3) for each in strengths]),
         phase=number(f"{where} phase", record["phase"], 0.0, 2 * math.pi, "rad") % (2 * math.pi),
     )
-
-
-def _read_layers(rows: object, where: str) -> np.ndarray:
-    """(m, 4) the layers of a record."""
-    if not isinstance(rows, list) or not 1 <= len(rows) <= MOST_LAYERS:
-        raise InputError(f"{where}: layers is {shown(rows)}: give a list of 1 to {MOST_LAYERS} layers")
-    layers, end = np.empty((len(rows), 4)), 0.0
-    for j, row in enumerate(rows):
-        name = f"{where}, layer {j}"
-        if not isinstance(row, list) or len(row) != 4:
-            raise InputError(f"{name} is {shown(row)}: give [k_l in MN/m, k_u in MN/m, thickness in m, abrasivity]")
-        low, high = STIFFNESS_LIMITS
-        kl = number(f"{name} k_l", row[0], low / 1e6, high / 1e6, "MN/m") * 1e6
-        ku = number(f"{name} k_u", row[1], kl / 1e6, high / 1e6, "MN/m") * 1e6
-        if j == len(rows) - 1:
-            if row[2] is not None:
-                raise InputError(f"{name} has a thickness of {shown(row[2])}: the last layer has none, give null")
-            end = math.inf
-        else:
-            end += number(f"{name} thickness", row[2], 1e-3, 1e3, "m")
-        layers[j] = kl, ku, end, number(f"{name} abrasivity", row[3], 0.0, 100.0)
-    return layers
