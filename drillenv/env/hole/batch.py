@@ -138,7 +138,7 @@ def stand(hole: np.ndarray, duration: float):
 
 
 @njit(**INLINE)
-def suffer(hole: np.ndarray, strengths: np.ndarray, costs: np.ndarray):
+def trip_or_break(hole: np.ndarray, strengths: np.ndarray, costs: np.ndarray):
     """What follows a coil that is too hot, and a bit that breaks."""
     if hole[RISE] > shaker.LIMIT:
         hole[TRIPPED] += 1.0
@@ -171,7 +171,7 @@ def go_on(hole, layers, strengths, truth, worn: float, blows: float, setting, li
     power = costs[COMPRESSOR] + shaker.COIL_POWER * final / shaker.LIMIT + truth[T_DRIVE]
     hole[STEP_SPENT] += costs[ENERGY] * power * duration + hole[OWED]
     hole[OWED] = 0.0
-    suffer(hole, strengths, costs)
+    trip_or_break(hole, strengths, costs)
     hole[STEP_SPENT] += costs[RIG_RATE] * hole[STEP_TIME]
     hole[SPENT] += hole[STEP_SPENT]
     hole[TIME] += hole[STEP_TIME]
