@@ -22,7 +22,7 @@ from scipy.signal import cont2discrete, lfilter, upfirdn
 from drillenv.checks import InputError
 from drillenv.diagnosis.coupling import ADDED
 from drillenv.diagnosis.noise import dead_band, quantum
-from drillenv.recordings import Recording
+from drillenv.recordings import Campaign, Recording
 from drillenv.rig import Rig, Setting
 
 SHORTEST_FLIGHT = 12
@@ -375,6 +375,25 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         factor,
         (less * math.sqrt(12.0) * least_noise, less * math.sqrt(12.0) * least_acceleration_noise),
     )
+
+
+def without_unusable(campaign: Campaign, rig: Rig) -> tuple[Campaign, list[str]]:
+    """A campaign without the recordings that cannot be prepared, and a sentence for each of these.
+
+    Raises:
+        InputError: none can.
+    """
+    kept, said = [], []
+    for each in campaign.recordings:
+        try:
+            condition(each, rig)
+        except InputError as error:
+            said.append(str(error))
+        else:
+            kept.append(each)
+    if not kept:
+        raise InputError(f"no recording can be used: {'; '.join(said[:3])}")
+    return replace(campaign, recordings=tuple(kept)), [f"{each}; it is left out." for each in said]
 
 
 def noise_seen(signal: np.ndarray) -> tuple[float, float]:

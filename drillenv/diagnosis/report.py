@@ -12,11 +12,12 @@ from typing import Any
 from drillenv.checks import InputError, count, shown
 from drillenv.corrected import model_record
 from drillenv.diagnosis.body_diagnosis import diagnose_body
+from drillenv.diagnosis.condition import without_unusable
 from drillenv.diagnosis.findings import corrected, record_of, stated, waves
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.provenance import provenance
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
-from drillenv.diagnosis.verdict import CORES, diagnose_drill
+from drillenv.diagnosis.verdict import CORES, diagnose_drill, nominal_rig
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
@@ -108,9 +109,10 @@ def diagnose(
         reasons = "; ".join(str(each) for each in faults[:3])
         raise InputError(f"no recording can be used: give one that is sound ({reasons})")
     campaign, shortened = excerpts(campaign)
+    campaign, unusable = without_unusable(campaign, nominal_rig(campaign))
     outcome = diagnose_drill(campaign, note, jobs, scope, interruptible)
     model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
-    record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened])
+    record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened, *unusable])
     record = bounded({**origin, **record}, only, outcome.stopped)
     return Report(campaign.title, record, model_record(model), waves(outcome))
 

@@ -127,10 +127,6 @@ def diagnose_drill(
         KeyboardInterrupt: it was interrupted and not to be ended so, or had found nothing yet.
     """
     say = note or (lambda _text: None)
-    for name in NAMES:
-        entry = campaign.nominal.get(name)
-        if entry is None or entry.value is None or entry.std is None:
-            raise InputError(f"nominal lacks {name}: give its value and standard deviation, which the model needs")
     campaign, labels = with_labels_corrected(campaign)
     for label in labels:
         say(label.sentence)
@@ -283,7 +279,15 @@ def mislabelled_pressures_by_fit(outcome: Outcome) -> list[Label]:
 
 
 def nominal_rig(campaign: Campaign) -> Rig:
-    """The rig as the lab states it."""
+    """The rig as the lab states it.
+
+    Raises:
+        InputError: it leaves out a constant or how well it is known.
+    """
+    for name in NAMES:
+        entry = campaign.nominal.get(name)
+        if entry is None or entry.value is None or entry.std is None:
+            raise InputError(f"nominal lacks {name}: give its value and standard deviation, which the model needs")
     return Rig(*(float(campaign.nominal[name].value or 0.0) for name in NAMES[:6]))
 
 

@@ -146,3 +146,19 @@ def test_coupled_channels_are_named(tmp_path):
     assert finding["mechanism"] == "sensor-highpass"
     assert finding["parameters"]["corner_f"]["value"] == pytest.approx(0.5, abs=0.03)
     assert finding["parameters"]["corner_a"]["value"] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.slow
+def test_a_recording_too_short_is_left_out(campaign):
+    short = changed(campaign, "r04", lambda _name, samples: samples[:600])
+    report = diagnose(short)
+    assert named(report) == ["contact-rate"]
+    assert any(each.startswith("r04: ") and each.endswith("it is left out.") for each in report.record["remarks"])
+
+
+def test_where_all_are_too_short_each_says_why(campaign):
+    short = campaign
+    for each in campaign.recordings:
+        short = changed(short, each.name, lambda _name, samples: samples[:600])
+    with pytest.raises(InputError, match=r"no recording can be used: r0\d.*: .*; r0\d"):
+        diagnose(short)
