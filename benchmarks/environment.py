@@ -33,7 +33,7 @@ import numpy as np
 from numba import njit
 
 import drillenv  # noqa: F401  registers the environments
-from drillenv.dynamics.flow import KERNEL
+from drillenv.dynamics.compiled import KERNEL
 from drillenv.env.batch import Batch, step_rigs
 from drillenv.env.observation import SIZE
 from drillenv.env.vector import DrillVectorEnv

@@ -30,7 +30,7 @@ from drillenv.controllers.hole.settled import (
     look_up,
     read_settled,
 )
-from drillenv.dynamics.flow import INLINE, KERNEL
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.env.hole import shaker
 from drillenv.env.hole.bit import CHATTER, EDGE_POWER, FATIGUE, FATIGUE_EXPONENT, LIFE, stiffening
 from drillenv.env.hole.costs import BIT as BIT_PRICE

@@ -19,8 +19,8 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.exact import THETA, TURN, TURNS, make_scratch
-from drillenv.dynamics.flow import INLINE, KERNEL
 from drillenv.env.episodes import rig_array
 from drillenv.env.hole.batch import ARRIVED
 from drillenv.env.plant import BLOWS as MEMORY_BLOWS

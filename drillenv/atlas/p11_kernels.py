@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.compiled import KERNEL
 from drillenv.dynamics.exact import (
     STATE_SIZE,
     TURN,
@@ -23,7 +24,7 @@ from drillenv.dynamics.exact import (
     fresh_state,
     set_phase,
 )
-from drillenv.dynamics.flow import FREE, KERNEL, LOADING, OMEGA, STATIC, STIFFNESS, K, set_drive
+from drillenv.dynamics.flow import FREE, LOADING, OMEGA, STATIC, STIFFNESS, K, set_drive
 from drillenv.dynamics.orbits import (
     M_CONTACTS,
     M_IMPACTS,

@@ -22,6 +22,7 @@ from numba import njit
 
 from drillenv.checks import InputError, choice, count, number
 from drillenv.dynamics import motion_hybrid
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import (
     COSINE,
@@ -38,8 +39,6 @@ from drillenv.dynamics.exact import (
     set_phase,
 )
 from drillenv.dynamics.flow import (
-    INLINE,
-    KERNEL,
     LOADING,
     MODEL_SHAPE,
     OMEGA,

@@ -18,14 +18,13 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import INLINE, INLINED, INNER, KERNEL, apart
 from drillenv.dynamics.flow import (
     AMPLITUDE,
     FAST,
     FORCED,
     FREE,
     FREE_Y,
-    INLINE,
-    KERNEL,
     LOADING,
     M1,
     M2,
@@ -89,7 +88,7 @@ def make_scratch() -> Scratch:
     return Scratch(np.zeros(16), np.zeros(17), np.zeros((4, 4)))
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def borrow_scratch(scratch: Scratch) -> Scratch:
     """The same memory, not counted."""
     return Scratch(borrowed(scratch.work), borrowed(scratch.channel), borrowed(scratch.matrix))
@@ -117,7 +116,7 @@ def acceleration(model: np.ndarray, state: np.ndarray, kappa: float) -> float:
     return (push - kappa * state[W]) / model[0, M2]
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def shift_origin(state: np.ndarray, shift: float):
     """Move the origin; the rounding is carried along (Kahan), so that hours of drift cost no digits."""
     owed = shift + state[CARRY]
@@ -126,7 +125,7 @@ def shift_origin(state: np.ndarray, shift: float):
     state[ORIGIN] = moved
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def settle(model: np.ndarray, state: np.ndarray) -> int:
     """Set the regime that the state calls for, going over from k_l to k_u or back where it changes. Returns it.
 
@@ -158,7 +157,7 @@ def settle(model: np.ndarray, state: np.ndarray) -> int:
     return wanted
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def open_pair(decay: float, split: float, u: float, v: float, channel: np.ndarray, at: int):
     """Write u, v of exp(-decay t)(u C + v S) and of its first two time derivatives."""
     for i in range(at, at + 6, 2):
@@ -166,7 +165,7 @@ def open_pair(decay: float, split: float, u: float, v: float, channel: np.ndarra
         u, v = v - decay * u, split * u - decay * v
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch):
     """Take the coming regime apart into modes; write what the switch functions need into ``scratch.channel``.
 
@@ -192,7 +191,7 @@ def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scr
     open_pair(model[regime, SLOW], model[regime, SLOW + 1], work[10], work[14], channel, 11)
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float):
     """w, v2 and the acceleration, a time ``t`` into a flight that began at phase ``theta``."""
     omega = model[0, OMEGA]
@@ -206,7 +205,7 @@ def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float):
     return w, v, a
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def probe_contact(model: np.ndarray, regime: int, channel: np.ndarray, work: np.ndarray, theta: float, t: float):
     """w, v2, the acceleration and its derivative, a time ``t`` into a contact regime that began at phase ``theta``."""
     omega = model[0, OMEGA]
@@ -223,7 +222,7 @@ def probe_contact(model: np.ndarray, regime: int, channel: np.ndarray, work: np.
     return w, v, a, j
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta: float, t: float):
     """The switch function, its first two derivatives, and w. ``release``: unloading asked for w instead of v2."""
     if regime == FREE:
@@ -237,7 +236,7 @@ def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta
     return v, a, j, w
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def sixth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray):
     """Bounds on the sixth derivative of the switch function (w in flight, v2 in contact) over the whole regime.
 
@@ -252,7 +251,7 @@ def sixth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray)
     return quick * (abs(channel[0]) + abs(channel[1])) + slow, fading, rate
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def _pair_bound(model: np.ndarray, regime: int, at: int, u: float, v: float):
     """Bound on the sixth derivative of exp(-decay t)(u C + v S) at t = 0, and the rate at which the bound falls."""
     decay, split, root = model[regime, at], model[regime, at + 1], model[regime, at + 2]
@@ -262,7 +261,7 @@ def _pair_bound(model: np.ndarray, regime: int, at: int, u: float, v: float):
     return rate**6 * (abs(u) + abs(v) * reach), decay - root if split > 0.0 else decay
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def stays_below(f0: float, d0: float, c0: float, f1: float, d1: float, c1: float, h: float, bound: float) -> bool:
     """Whether a function with values f, slopes d and curvatures c at 0 and h surely stays below zero in between.
 
@@ -282,7 +281,7 @@ def stays_below(f0: float, d0: float, c0: float, f1: float, d1: float, c1: float
     )
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: float, h: float) -> float:
     """Where the quintic through the values at 0 and h rises through zero, for f0 <= 0 <= f1; a first guess."""
     rise = f1 - f0
@@ -308,7 +307,7 @@ def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: floa
     return h * s
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
     """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
 
@@ -341,7 +340,7 @@ def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
     return t, d, c, w
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def highest_point(model, regime, scratch, theta, low, high):
     """A maximum of the switch function in [low, high], where it rises at one end and falls at the other."""
     t = 0.5 * (low + high)
@@ -360,7 +359,7 @@ def highest_point(model, regime, scratch, theta, low, high):
     return t
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def curvature_at_start(model: np.ndarray, regime: int, channel: np.ndarray, state: np.ndarray) -> float:
     """Second derivative of the switch function where the regime begins."""
     square = model[0, OMEGA] ** 2
@@ -370,7 +369,7 @@ def curvature_at_start(model: np.ndarray, regime: int, channel: np.ndarray, stat
     return -jerk if regime == LOADING else jerk
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch, limit: float):
     """Time to the end of this regime, and how it ends: GOES_ON (at ``limit``), AT_SURFACE or AT_REST."""
     theta = state[THETA]
@@ -437,7 +436,7 @@ def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scra
         step = 0.5 * h
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def begin(model: np.ndarray, state: np.ndarray, scratch: Scratch) -> int:
     """Enter the regime that the state calls for. Returns it."""
     regime = settle(model, state)
@@ -445,7 +444,7 @@ def begin(model: np.ndarray, state: np.ndarray, scratch: Scratch) -> int:
     return regime
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def put_on_switch(model: np.ndarray, state: np.ndarray, regime: int, ending: int, sine: float) -> float:
     """Move a state that is within about 1e-10 of a regime's length from its switch onto it. Returns the time it takes.
 
@@ -469,7 +468,7 @@ def put_on_switch(model: np.ndarray, state: np.ndarray, regime: int, ending: int
     return shift
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, scratch: Scratch) -> float:
     """Go through the regime just begun, to its switch but at most ``limit`` s on. Returns the time taken."""
     tau, ending = find_switch(model, regime, state, scratch, limit)
@@ -495,7 +494,7 @@ def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, sc
     return tau
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally: np.ndarray):
     """Enter the switch from ``before`` to ``regime``, on which the state stands, into the tally."""
     if regime == before:
@@ -509,7 +508,7 @@ def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally:
         tally[PEAK_SPEED] = max(tally[PEAK_SPEED], state[V2])
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def reduced(left: float, owed: float, taken: float):
     """The time left after ``taken``, and the rounding it owes (Kahan): thousands of switches must not move the end."""
     if taken == left:
@@ -522,6 +521,7 @@ def reduced(left: float, owed: float, taken: float):
 @njit(**KERNEL)
 def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.ndarray, scratch: Scratch):
     """Move the state ``duration`` seconds on; what happens is added to the tally."""
+    apart()
     model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
     left, owed = duration, 0.0
     while left > 0.0:
@@ -534,19 +534,21 @@ def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.nda
 @njit(**KERNEL)
 def advance_period(model: np.ndarray, state: np.ndarray, tally: np.ndarray, scratch: Scratch):
     """Move the state one excitation period on, back to exactly the phase where it stands."""
+    apart()
     theta, turns = state[THETA], state[TURNS]
     advance(model, state, TURN / model[0, OMEGA], tally, scratch)
     set_phase(theta, state)
     state[TURNS] = turns + 1.0
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def advance_tangent(model: np.ndarray, state: np.ndarray, tangent: np.ndarray, tally: np.ndarray, scratch: Scratch):
     """As ``advance_period``; also multiplies ``tangent`` (4, n) by the derivative of the map of (y, v1, v2, w).
 
     The vector field is continuous over every switch in these coordinates, apart from the change of scale of w where
     k_l takes over from k_u or the other way round, so that the switch (saltation) matrices are 1 or diag(1, 1, 1, r).
     """
+    apart()
     theta, turns = state[THETA], state[TURNS]
     model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
     left = TURN / model[0, OMEGA]

@@ -24,16 +24,10 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError
+from drillenv.dynamics.compiled import ALLOCATING, INLINED, INNER, KERNEL
 from drillenv.dynamics.fused import fma
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
-
-KERNEL = {"cache": True, "nogil": True, "error_model": "numpy"}
-"""How the kernels are compiled. Multiply-adds are fused only where the source says so (:func:`fma`): left to the
-compiler ("contract"), a kernel fresh from it and the same one out of the cache round differently, and chaotic motions
-part."""
-INLINE = {**KERNEL, "forceinline": True}
-"""The same for what the kernels are made of: numba counts references at each call that stays one."""
 
 FREE, LOADING, UNLOADING = 0, 1, 2
 """The regimes: no contact, loading, unloading."""
@@ -62,14 +56,14 @@ the fast pair and v of the slow pair."""
 MODEL_SHAPE = (3, 68)
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def set_pair(linear: float, constant: float, out: np.ndarray):
     """Write decay, split and root of the roots of s^2 + linear s + constant."""
     split = 0.25 * linear * linear - constant
     out[0], out[1], out[2] = 0.5 * linear, split, math.sqrt(abs(split))
 
 
-@njit(**KERNEL)
+@njit(**ALLOCATING)
 def set_contact(m1: float, m2: float, k: float, c: float, kappa: float, block: np.ndarray) -> bool:
     """Write the modes of a contact of stiffness ``kappa``. False where the two pairs of modes run together."""
     # characteristic polynomial s^4 + b3 s^3 + b2 s^2 + b1 s + b0
@@ -130,13 +124,13 @@ def set_contact(m1: float, m2: float, k: float, c: float, kappa: float, block: n
     return ok
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def quickest(decay: float, split: float, root: float) -> float:
     """The largest absolute value of the two roots of a pair, in 1/s."""
     return decay + root if split > 0.0 else math.sqrt(decay * decay - split)
 
 
-@njit(**KERNEL)
+@njit(**ALLOCATING)
 def _times(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Matrix product of two small matrices, without BLAS."""
     n = left.shape[0]
@@ -178,8 +172,7 @@ def set_drive(omega: float, amplitude: float, static: float, model: np.ndarray):
         w = amplitude * shaker / (shaker * indenter - coupling * coupling)
         x = w * coupling / shaker
         level, sine, cosine = FORCED, FORCED + 4, FORCED + 8
-        row[level : level + 4] = 0.0
-        row[level], row[level + 3] = static / k, static / kappa
+        row[level], row[level + 1], row[level + 2], row[level + 3] = static / k, 0.0, 0.0, static / kappa
         # the motion is the imaginary part of amplitude * exp(i theta)
         row[sine], row[cosine] = (x - w).real, (x - w).imag
         row[sine + 1], row[cosine + 1] = -omega * x.imag, omega * x.real
@@ -212,7 +205,7 @@ def make_model(rig: Rig, rock: Rock, setting: Setting) -> np.ndarray:
     return model
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def sine_cosine(x: float):
     """sin x and cos x to the last bit or two for abs(x) < 1e5, at half the cost of two calls of the C library.
 
@@ -237,7 +230,7 @@ def sine_cosine(x: float):
     return sine, cosine
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def fall(x: float) -> float:
     """exp(-x), by its series where that is quicker: the slow pair hardly moves during a contact."""
     if abs(x) < 0.02:
@@ -246,7 +239,7 @@ def fall(x: float) -> float:
     return math.exp(-x)
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def pair_at(decay: float, split: float, root: float, t: float):
     """exp(-decay t) C(t) and exp(-decay t) S(t) of a pair, with C'' = split C, C(0) = 1, S(0) = 0, S'(0) = 1."""
     x = split * t * t
@@ -265,7 +258,7 @@ def pair_at(decay: float, split: float, root: float, t: float):
     return up + down, (up - down) / root
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def contact_coefficients(model: np.ndarray, regime: int, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
     """Write u, v of the fast pair and u, v of the slow pair, for a contact that starts in ``z``, into ``work``."""
     h0 = z[0] - model[regime, FORCED] - sine * model[regime, FORCED + 4] - cosine * model[regime, FORCED + 8]
@@ -289,7 +282,7 @@ def contact_coefficients(model: np.ndarray, regime: int, z: np.ndarray, sine: fl
     work[11] = h3 - work[3]
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def contact_state(model, regime: int, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray):
     """The state a time ``t`` after the contact of ``work`` began; ``sine`` and ``cosine`` of the phase reached."""
     fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
@@ -301,7 +294,7 @@ def contact_state(model, regime: int, work: np.ndarray, sine: float, cosine: flo
         out[i] = fma(fc, work[i], fma(fs, work[4 + i], fma(sc, work[8 + i], fma(ss, work[12 + i], forced))))
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def free_coefficients(model: np.ndarray, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
     """Write the flight that starts in ``z`` into ``work``: [:3] the centre of mass, [3:5] u and v of y."""
     share, swing, omega = model[0, SHARE], model[0, SWING], model[0, OMEGA]
@@ -314,7 +307,7 @@ def free_coefficients(model: np.ndarray, z: np.ndarray, sine: float, cosine: flo
     work[4] = speed + model[0, RELATIVE] * u
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def free_state(model: np.ndarray, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray):
     """The state a time ``t`` after the flight of ``work`` began; ``sine`` and ``cosine`` of the phase reached."""
     share, swing, omega = model[0, SHARE], model[0, SWING], model[0, OMEGA]
@@ -332,7 +325,7 @@ def free_state(model: np.ndarray, work: np.ndarray, sine: float, cosine: float, 
     out[3] = centre - share * y
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def contact_matrix(model: np.ndarray, regime: int, t: float, out: np.ndarray):
     """(4, 4) derivative of the state after a time ``t`` in contact by the state before."""
     fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
@@ -348,7 +341,7 @@ def contact_matrix(model: np.ndarray, regime: int, t: float, out: np.ndarray):
         out[i, i] += sc
 
 
-@njit(**INLINE)
+@njit(**INLINED)
 def free_matrix(model: np.ndarray, t: float, out: np.ndarray):
     """(4, 4) derivative of the state after a time ``t`` in free flight by the state before."""
     decay, split = model[0, RELATIVE], model[0, RELATIVE + 1]

@@ -27,12 +27,12 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, shown
+from drillenv.dynamics.compiled import YES
 from drillenv.dynamics.constitutive.places import COMPACTION, PLACES
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.exact import TURN
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING, make_model
 from drillenv.dynamics.hybrid.advance import WENT_ON
-from drillenv.dynamics.hybrid.compiled import YES
 from drillenv.dynamics.hybrid.events import set_corners
 from drillenv.dynamics.hybrid.model import Motion, Start, extra_places, fresh_motion, model_for, motion_at, start_at
 from drillenv.dynamics.hybrid.run import RATES, SAMPLE_COLUMNS, integrate, lost_by

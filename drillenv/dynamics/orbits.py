@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.compiled import ALLOCATING, INLINE, INNER, KERNEL, apart, copy
 from drillenv.dynamics.exact import (
     CONTACTS,
     IMPACTS,
@@ -29,7 +30,7 @@ from drillenv.dynamics.exact import (
     make_scratch,
     set_phase,
 )
-from drillenv.dynamics.flow import AMPLITUDE, FREE, INLINE, KERNEL, M2, OMEGA, STIFFNESS
+from drillenv.dynamics.flow import AMPLITUDE, FREE, M2, OMEGA, STIFFNESS
 
 LONGEST_PERIOD = 32
 """The longest period looked for, in excitation periods."""
@@ -62,7 +63,7 @@ def section_distance(model: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
 @njit(**KERNEL)
 def on_section(model: np.ndarray, state: np.ndarray, regime: int, point: np.ndarray):
     """Write (y, v1, v2, w) of a state, with w as the given regime counts it."""
-    point[:] = state[:4]
+    copy(state[:4], point)
     present = int(state[REGIME])
     if point[3] > 0.0 and present != regime and present != FREE and regime != FREE:
         point[3] *= model[present, STIFFNESS] / model[regime, STIFFNESS]
@@ -72,14 +73,15 @@ def on_section(model: np.ndarray, state: np.ndarray, regime: int, point: np.ndar
 def put_on_section(point: np.ndarray, regime: int, state: np.ndarray):
     """Set a state from a point of the section, at the origin."""
     state[:] = 0.0
-    state[:4] = point
+    copy(point, state)
     state[REGIME] = regime
     set_phase(0.0, state)
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def solve(matrix: np.ndarray, right: np.ndarray) -> bool:
     """Solve a small linear system in place by elimination with pivoting; False where it is singular."""
+    apart()
     n = right.size
     for i in range(n):
         pivot = i
@@ -107,16 +109,20 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> bool:
 @njit(**KERNEL)
 def map_point(model: np.ndarray, point: np.ndarray, regime: int, period: int, image: np.ndarray, tangent: np.ndarray):
     """Take a point of the section ``period`` excitation periods on; ``tangent`` (4, 4) gets the derivative."""
+    apart()
     state, tally = np.zeros(STATE_SIZE), np.zeros(TALLY_SIZE)
     scratch = make_scratch()
     put_on_section(point, regime, state)
-    tangent[:] = np.eye(4)
+    for i in range(4):
+        for j in range(4):
+            tangent[i, j] = 1.0 if i == j else 0.0
     for _ in range(period):
         advance_tangent(model, state, tangent, tally, scratch)
     before = int(state[REGIME])
     on_section(model, state, regime, image)
     if image[3] > 0.0 and before != regime and before != FREE and regime != FREE:
-        tangent[3] *= model[before, STIFFNESS] / model[regime, STIFFNESS]
+        for j in range(4):
+            tangent[3, j] *= model[before, STIFFNESS] / model[regime, STIFFNESS]
 
 
 @njit(**KERNEL)
@@ -125,6 +131,7 @@ def find_orbit(model: np.ndarray, point: np.ndarray, regime: int, period: int, t
 
     Converged means that the point comes back to within 1e-11 of the length scale, and that the steps have died out.
     """
+    apart()
     image, step = np.zeros(4), np.zeros(4)
     trial, matrix = point.copy(), np.zeros((4, 4))
     previous = np.inf
@@ -134,12 +141,12 @@ def find_orbit(model: np.ndarray, point: np.ndarray, regime: int, period: int, t
         if not miss < 1e3:
             return False
         if miss < 1e-11 and miss >= 0.5 * previous:
-            point[:] = trial
+            copy(trial, point)
             return True
         previous = miss
-        matrix[:] = -tangent
         for i in range(4):
-            matrix[i, i] += 1.0
+            for j in range(4):
+                matrix[i, j] = (1.0 if i == j else 0.0) - tangent[i, j]
             step[i] = image[i] - trial[i]
         if not solve(matrix, step):
             return False
@@ -150,14 +157,15 @@ def find_orbit(model: np.ndarray, point: np.ndarray, regime: int, period: int, t
         for i in range(4):
             trial[i] += factor * step[i]
     if previous < 1e-11:
-        point[:] = trial
+        copy(trial, point)
         return True
     return False
 
 
-@njit(**KERNEL)
+@njit(**ALLOCATING)
 def contracts(matrix: np.ndarray) -> bool:
     """Whether all eigenvalues lie inside the unit circle: the powers die out."""
+    apart()
     power, square = matrix.copy(), np.zeros((4, 4))
     for _ in range(26):
         largest = 0.0
@@ -168,7 +176,8 @@ def contracts(matrix: np.ndarray) -> bool:
                     total += power[i, m] * power[m, j]
                 square[i, j] = total
                 largest = max(largest, abs(total))
-        power[:] = square
+        for i in range(4):
+            copy(square[i], power[i])
         if largest < 1e-6:
             return True
         if not largest < 1e30:
@@ -179,6 +188,7 @@ def contracts(matrix: np.ndarray) -> bool:
 @njit(**KERNEL)
 def describe(model: np.ndarray, point: np.ndarray, regime: int, period: int, out: np.ndarray):
     """Go once around an orbit and write what happens on it."""
+    apart()
     state, tally = np.zeros(STATE_SIZE), np.zeros(TALLY_SIZE)
     scratch = make_scratch()
     put_on_section(point, regime, state)
@@ -194,12 +204,13 @@ def describe(model: np.ndarray, point: np.ndarray, regime: int, period: int, out
     out[ADVANCE] = state[ORIGIN] - start
     out[M_FORCE], out[M_SPEED] = tally[PEAK_FORCE], tally[PEAK_SPEED]
     out[SECTION_REGIME] = regime
-    out[SECTION : SECTION + 4] = point
+    copy(point, out[SECTION:])
 
 
-@njit(**KERNEL)
+@njit(**ALLOCATING)
 def shortest_period(model: np.ndarray, point: np.ndarray, regime: int, period: int) -> int:
     """The smallest divisor of ``period`` after which the orbit already comes back."""
+    apart()
     image, tangent = np.zeros(4), np.zeros((4, 4))
     for divisor in range(1, period):
         if period % divisor == 0:
@@ -209,9 +220,10 @@ def shortest_period(model: np.ndarray, point: np.ndarray, regime: int, period: i
     return period
 
 
-@njit(**KERNEL)
+@njit(**ALLOCATING)
 def exponent(model: np.ndarray, state: np.ndarray, periods: int, out: np.ndarray) -> float:
     """Largest Lyapunov exponent in 1/s over ``periods`` from ``state``; ``out`` gets means and extremes on the way."""
+    apart()
     tangent, tally = np.ones((4, 1)), np.zeros(TALLY_SIZE)
     scratch = make_scratch()
     speed = model[0, OMEGA]
@@ -221,14 +233,15 @@ def exponent(model: np.ndarray, state: np.ndarray, periods: int, out: np.ndarray
         advance_tangent(model, state, tangent, tally, scratch)
         size = math.sqrt(tangent[0, 0] ** 2 + tangent[3, 0] ** 2 + (tangent[1, 0] ** 2 + tangent[2, 0] ** 2) / speed**2)
         total += math.log(size)
-        tangent /= size
+        for i in range(4):
+            tangent[i, 0] /= size
     out[:] = 0.0
     out[M_IMPACTS], out[M_CONTACTS] = tally[IMPACTS] / periods, tally[CONTACTS] / periods
     out[ADVANCE] = (state[ORIGIN] - start) / periods
     out[M_FORCE], out[M_SPEED] = tally[PEAK_FORCE], tally[PEAK_SPEED]
     out[EXPONENT] = total / (periods * TURN / model[0, OMEGA])
     out[SECTION_REGIME] = state[REGIME]
-    out[SECTION : SECTION + 4] = state[:4]
+    copy(state[:4], out[SECTION:])
     return out[EXPONENT]
 
 

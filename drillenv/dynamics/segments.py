@@ -15,13 +15,12 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.exact import LOG_SIZE, ORIGIN, REGIME, THETA, TURN, TURNS, advance_logged, make_scratch
 from drillenv.dynamics.flow import (
     AMPLITUDE,
     FAST,
     FREE,
-    INLINE,
-    KERNEL,
     LOADING,
     M1,
     M2,

@@ -16,12 +16,11 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, count, shown
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.exact import STATE_SIZE, TURN, fresh_state
 from drillenv.dynamics.flow import (
     AMPLITUDE,
     FREE,
-    INLINE,
-    KERNEL,
     MODEL_SHAPE,
     OMEGA,
     STATIC,

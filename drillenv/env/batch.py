@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 
 from drillenv.compiling import announce
+from drillenv.dynamics.compiled import KERNEL
 from drillenv.dynamics.exact import THETA, TURN, TURNS, make_scratch
-from drillenv.dynamics.flow import KERNEL
 from drillenv.env import plant
 from drillenv.env.core import info_of, infos_of
 from drillenv.env.episodes import START, Episode

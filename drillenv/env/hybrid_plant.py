@@ -19,14 +19,14 @@ from numba import njit
 
 from drillenv.checks import InputError, shown
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import KERNEL, NO, YES, constants
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.exact import CARRY as STATE_CARRY
 from drillenv.dynamics.exact import ORIGIN, REGIME, THETA, TURNS, set_phase
-from drillenv.dynamics.flow import AMPLITUDE, FREE, KERNEL, LOADING, STATIC, STIFFNESS, UNLOADING, sine_cosine
+from drillenv.dynamics.flow import AMPLITUDE, FREE, LOADING, STATIC, STIFFNESS, UNLOADING, sine_cosine
 from drillenv.dynamics.flow import OMEGA as ROW_OMEGA
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare, read_speed, read_state
-from drillenv.dynamics.hybrid.compiled import NO, YES, constants
 from drillenv.dynamics.hybrid.events import set_factor, shift_origin
 from drillenv.dynamics.hybrid.model import LONGEST_SHARE, Motion, fresh_motion, model_for
 from drillenv.dynamics.hybrid.run import depth_of_face, lost_by

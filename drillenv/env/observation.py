@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
-from drillenv.dynamics.flow import KERNEL
+from drillenv.dynamics.compiled import KERNEL
 from drillenv.env.truth import (
     T_AMPLITUDE,
     T_FREQUENCY,

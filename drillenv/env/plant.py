@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.exact import (
     ORIGIN,
     REGIME,
@@ -46,8 +47,6 @@ from drillenv.dynamics.exact import (
 from drillenv.dynamics.flow import (
     AMPLITUDE,
     FREE,
-    INLINE,
-    KERNEL,
     LOADING,
     M2,
     MODEL_SHAPE,

@@ -10,7 +10,7 @@ from numba import njit
 
 from drillenv.checks import InputError, number, shown
 from drillenv.dynamics.borrow import borrowed
-from drillenv.dynamics.flow import KERNEL
+from drillenv.dynamics.compiled import KERNEL
 from drillenv.env.truth import T_DRIVE, T_EXCESS, T_RATE, T_STRONG
 
 

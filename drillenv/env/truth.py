@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
-from drillenv.dynamics.flow import INLINE, KERNEL
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.env.plant import (
     DEPTH,
     FREQUENCY,

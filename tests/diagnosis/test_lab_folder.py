@@ -159,6 +159,6 @@ def test_a_recording_too_short_is_left_out(campaign):
 def test_where_all_are_too_short_each_says_why(campaign):
     short = campaign
     for each in campaign.recordings:
-        short = changed(short, each.name, lambda _name, samples: samples[:600])
+        short = changed(short, each.name, lambda _name, samples: samples[:200])
     with pytest.raises(InputError, match=r"no recording can be used: r0\d.*: .*; r0\d"):
         diagnose(short)

@@ -278,7 +278,7 @@ def test_all_places_at_once():
 
 
 def test_another_curve_compiles_nothing():
-    from drillenv.dynamics.hybrid.compiled import _compiled
+    from drillenv.dynamics.hybrid.outside_terms import _compiled
 
     rng = np.random.default_rng(6)
     run(wavy("spring", rng))

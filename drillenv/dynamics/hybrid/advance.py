@@ -12,11 +12,11 @@ import math
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.compiled import INNER, NO, YES, apart, copy
 from drillenv.dynamics.constitutive.places import WAVEFORM
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
-from drillenv.dynamics.hybrid.compiled import INNER, NO, YES, apart
 from drillenv.dynamics.hybrid.events import (
     CORNER,
     CUTTING,
@@ -50,7 +50,6 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     STAGES,
     STANDING,
     TOLERANCE,
-    copy,
     follow,
     inside,
     inside_with_rate,

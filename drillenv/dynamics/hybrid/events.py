@@ -15,11 +15,11 @@ import math
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.compiled import INNER, MERGED, NO, YES, apart, constants
 from drillenv.dynamics.constitutive.places import COMPACTION, MOST_IMPACTS, RATE_FORCE, UNLOADING, WAVEFORM
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
-from drillenv.dynamics.hybrid.compiled import INNER, MERGED, NO, YES, apart, constants
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
     BEGIN_SLOPE,

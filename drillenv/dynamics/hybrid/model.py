@@ -17,7 +17,7 @@ from drillenv.dynamics.constitutive.tables import NotSmoothError, Table, tabulat
 from drillenv.dynamics.effects import Chosen, Effect
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.dynamics.hybrid import vector_field as V
-from drillenv.dynamics.hybrid.compiled import address_of
+from drillenv.dynamics.hybrid.outside_terms import address_of
 from drillenv.dynamics.hybrid.vector_field import BY_EFFECTS, OWN, Model
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock

@@ -11,10 +11,10 @@ from numba import njit
 
 from drillenv.checks import InputError, number
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import ALLOCATING, INNER, NO, apart, constants
 from drillenv.dynamics.effects import Chosen
 from drillenv.dynamics.flow import FREE, LOADING, UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, WENT_ON, advance, prepare, read_state
-from drillenv.dynamics.hybrid.compiled import ALLOCATING, INNER, NO, apart, constants
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Start, extra_places, model_for, motion_at, start_at
 from drillenv.dynamics.hybrid.runge_kutta import (

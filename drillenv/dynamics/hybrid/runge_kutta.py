@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 from scipy.integrate import DOP853
 
-from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, constants
+from drillenv.dynamics.compiled import INLINED, INNER, apart, constants
 from drillenv.dynamics.hybrid.vector_field import (
     CORNERS,
     EFFECTS,
@@ -68,13 +68,6 @@ def make_scratch(m: Model) -> np.ndarray:
     """Fresh working memory for a model."""
     # states are added up by fours
     return np.zeros((ROWS, max(m.tally + 7 + m.effects, ON_ROCKS + m.effects, CORNERS + LAW_MEMORY * len(m.laws))))
-
-
-@njit(**INNER)
-def copy(source: np.ndarray, target: np.ndarray):
-    """Copy what both have room for. Numba takes seconds to compile the same in slices."""
-    for i in range(min(source.size, target.size)):
-        target[i] = source[i]
 
 
 def _weigh(typingctx, which, h, base, row, first, y):

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import INLINED, INNER, NO, YES, apart, constants, copy
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
     DAMPER,
@@ -42,7 +43,6 @@ from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare
-from drillenv.dynamics.hybrid.compiled import INLINED, INNER, NO, YES, apart, constants
 from drillenv.dynamics.hybrid.model import Model
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
@@ -57,7 +57,6 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     SPARE,
     SPARE_SLOPE,
     STAGES,
-    copy,
     follow,
     inside_one,
 )

@@ -13,11 +13,11 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
+from drillenv.dynamics.compiled import ALLOCATING, INNER, NO, YES, apart, copy
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, SWITCHES_TOO_DENSE, WENT_ON, advance, prepare
-from drillenv.dynamics.hybrid.compiled import ALLOCATING, INNER, NO, YES, apart
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Model
 from drillenv.dynamics.hybrid.runge_kutta import (
@@ -30,7 +30,6 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     READY,
     SPARE,
     SPARE_SLOPE,
-    copy,
     follow,
 )
 from drillenv.dynamics.hybrid.sensitivity import (

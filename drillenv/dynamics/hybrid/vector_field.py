@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.compiled import INLINED, INNER, apart, constants
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
     DAMPER,
@@ -39,7 +40,7 @@ from drillenv.dynamics.effects import ON_INDENTER, ON_ROCK, ON_SHAKER, Moment
 from drillenv.dynamics.flow import FREE, sine_cosine
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.fused import fma
-from drillenv.dynamics.hybrid.compiled import INLINED, INNER, apart, call_term, constants
+from drillenv.dynamics.hybrid.outside_terms import call_term
 
 TURN = 2.0 * math.pi
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.exact import REGIME, THETA, TURN, TURNS, W, make_scratch, shift_origin
-from drillenv.dynamics.flow import FREE, INLINE, KERNEL, STIFFNESS, set_plant
+from drillenv.dynamics.flow import FREE, STIFFNESS, set_plant
 from drillenv.env import plant
 from drillenv.env.batch import Batch, set_from_action
 from drillenv.env.core import motion_name

@@ -33,7 +33,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
-from drillenv.dynamics.flow import INLINE
+from drillenv.dynamics.compiled import INLINE
 from drillenv.env.plant import INTERVAL
 from drillenv.env.truth import SEEN
 

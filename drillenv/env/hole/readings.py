@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.borrow import borrowed
-from drillenv.dynamics.flow import INLINE
+from drillenv.dynamics.compiled import INLINE
 from drillenv.env import observation as motion
 from drillenv.env.observation import Reading
 

@@ -27,7 +27,7 @@ import math
 
 from numba import njit
 
-from drillenv.dynamics.flow import INLINE
+from drillenv.dynamics.compiled import INLINE
 from drillenv.rig import DRIVE_BASE, DRIVE_SLOPE
 
 TOP = 120.0
