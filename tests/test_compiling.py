@@ -5,7 +5,10 @@ import pty
 import subprocess
 import sys
 
-from drillenv.compiling import MESSAGE
+import pytest
+from numba import njit
+
+from drillenv.compiling import MESSAGE, helped
 
 CODE = """
 from numba import njit
@@ -43,3 +46,28 @@ def test_a_terminal_is_told_once_and_a_pipe_is_not():
     assert said(code, True).splitlines() == [f"drillenv: {MESSAGE}"]
     assert said(code, False) == ""
     assert said(CODE.format(announce=""), True) == ""
+
+
+@pytest.mark.parametrize("compiles", [True, False])
+def test_another_process_helps_where_something_is_compiled(tmp_path, compiles):
+    @njit
+    def one(x):
+        return x + 1
+
+    if not compiles:
+        one(1.0)
+    made = tmp_path / "made"
+    with helped(f"open({str(made)!r}, 'w').close()") as wait:
+        assert one(1.0) == 2.0
+        wait()
+    assert made.exists() == compiles
+
+
+def test_help_that_fails_is_done_without():
+    @njit
+    def one(x):
+        return x + 1
+
+    with helped("raise SystemExit(1)") as wait:
+        assert one(1.0) == 2.0
+        wait()

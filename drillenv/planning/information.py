@@ -20,6 +20,7 @@ from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
+from drillenv.compiling import helped
 from drillenv.diagnosis.condition import Conditioned, condition
 from drillenv.diagnosis.constants import constants, logger
 from drillenv.diagnosis.drill import Recorded, first_states
@@ -53,6 +54,8 @@ LEFT_OVER = 30.0
 """Log-likelihood that may be left of a simulated recording once its states are found; what grazes the rock leaves
 more."""
 CORES = 2
+SEARCH_FOR_A_MOTION = "import drillenv; drillenv.motion(drillenv.Setting(100.0, 0.4, 1.0), rock=4)"
+"""What compiles the kernels that :func:`is_regular` needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,10 +115,13 @@ def survey(site: Site, settings: Sequence[tuple[Setting, str]], seed: int, note:
     Raises:
         InputError: the motion is regular at none of them.
     """
-    regular = [each for each in settings if is_regular(site, each[0])]
-    note(f"{len(regular)} of {len(settings)} recordings are of a regular motion")
     nuisances = (constants(believed(site.rig, site.rock)), logger(), *map(stated_term, site.effects))
     base = Hypothesis(nuisances, FLAT, DRILL)
+    with helped(SEARCH_FOR_A_MOTION) as wait:
+        settle(site, *settings[0], base)  # which compiles all that it needs
+        wait()
+    regular = [each for each in settings if is_regular(site, each[0])]
+    note(f"{len(regular)} of {len(settings)} recordings are of a regular motion")
     with threadpool_limits(1), ThreadPoolExecutor(CORES) as pool:
         settled = [each for each in pool.map(lambda at: settle(site, at[0], at[1], base), regular) if each is not None]
         if not settled:
