@@ -72,7 +72,7 @@ nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True
-nb_output_stderr = "show"
+nb_render_markdown_format = "gfm"
 
 autodoc_typehints = "none"  # shapes and units stand in the docstrings
 autodoc_mock_imports = ["minari"]
@@ -89,16 +89,16 @@ nitpick_ignore_regex = [
 
 # cells call the commands of this very installation
 os.environ["PATH"] = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
-os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "docs"), os.environ.get("PYTHONPATH", "")])
 
 
 def markdown_docstring(name):
     """The docstring of a class that is written in Markdown, as Gymnasium's are, its arguments as a block of text."""
     module, kind = name.rsplit(".", 1)
     text = inspect.getdoc(getattr(importlib.import_module(module), kind))
-    said, _, arguments = re.sub(r":\w+:`", "`", text).partition("\nArgs:\n")
-    said = re.sub(r"^#", "##", said, flags=re.MULTILINE)
-    return f"{said}\n### Arguments\n\n```text\n{textwrap.dedent(arguments)}\n```\n" if arguments else said
+    text = re.sub(r"^#", "##", re.sub(r":\w+:`", "`", text), flags=re.MULTILINE)
+    blocks = re.compile(r"^(Args|Raises):\n((?:    .*\n?|\n)+)", flags=re.MULTILINE)
+    return blocks.sub(lambda each: f"{each[1]}:\n\n```text\n{textwrap.dedent(each[2]).strip()}\n```\n\n", text)
 
 
 def keep_first_line(app, what, name, obj, options, lines):
@@ -117,13 +117,14 @@ def fill(app, name, source):
         source[0] = page.render(effects=LIBRARY.values(), commands=command_help(), told=markdown_docstring)
 
 
-def show_shell_cells(app, tree):
-    """Show a cell of shell commands as what one types, without the magic word that makes a notebook run it."""
-    for node in tree.findall(nodes.literal_block):
-        text = node.astext()
-        if text.startswith("%%bash\n"):
-            shown = nodes.literal_block(text[7:], text[7:], **node.attributes)
-            shown["language"] = "bash"
+def drop_magic(app, tree):
+    """Show shell commands, and files that a cell writes, without the line that makes a notebook do so."""
+    for node in list(tree.findall(nodes.literal_block)):
+        magic, _, text = node.astext().partition("\n")
+        if magic.startswith("%%"):
+            shown = nodes.literal_block(text, text, **node.attributes)
+            if magic == "%%bash":
+                shown["language"] = "bash"
             node.replace_self(shown)
 
 
@@ -131,4 +132,4 @@ def setup(app):
     """Connect all of them."""
     app.connect("autodoc-process-docstring", keep_first_line, priority=400)  # before napoleon
     app.connect("source-read", fill)
-    app.connect("doctree-read", show_shell_cells)
+    app.connect("doctree-read", drop_magic)
