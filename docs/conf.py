@@ -101,10 +101,12 @@ def markdown_docstring(name):
     return blocks.sub(lambda each: f"{each[1]}:\n\n```text\n{textwrap.dedent(each[2]).strip()}\n```\n\n", text)
 
 
-def keep_first_line(app, what, name, obj, options, lines):
+def tidy(app, what, name, obj, options, lines):
     """Keep napoleon from reading the first words of a remark on an attribute, up to a colon, as its type."""
-    if what in ("attribute", "data", "property"):
-        lines.insert(0, "")
+    if lines and lines[0].startswith("Alias for field number"):  # what Python says of a field without a remark
+        lines.clear()
+    elif what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]  # an empty comment
 
 
 def fill(app, name, source):
@@ -130,6 +132,6 @@ def drop_magic(app, tree):
 
 def setup(app):
     """Connect all of them."""
-    app.connect("autodoc-process-docstring", keep_first_line, priority=400)  # before napoleon
+    app.connect("autodoc-process-docstring", tidy, priority=400)  # before napoleon
     app.connect("source-read", fill)
     app.connect("doctree-read", drop_magic)

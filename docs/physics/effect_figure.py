@@ -70,6 +70,7 @@ def _draw_law(axes, chosen, run):
     at = PLACES[CODE[place]]
     axes.plot(argument, law(argument, chosen.values, RIG.stiffness), color=AFTER)
     axes.axhline(0.0, color=BEFORE, zorder=0)
+    axes.locator_params(axis="x", nbins=5)
     axes.set(xlabel=_wrapped(f"{at.argument} [{at.argument_unit}]"), ylabel=_wrapped(f"{at.quantity} [{at.unit}]"))
 
 
