@@ -1,5 +1,6 @@
 """The site builds without a warning, and leads to what it promises."""
 
+import functools
 import os
 import re
 import subprocess
@@ -10,6 +11,8 @@ from urllib.parse import unquote
 
 import pytest
 
+import drillenv
+from drillenv import atlas, indentation, recordings
 from drillenv.dynamics.effects import LIBRARY
 
 ROOT = Path(__file__).parents[2]
@@ -39,6 +42,12 @@ class Links(HTMLParser):
             self.loaded.append(given["href"])
 
 
+@functools.cache
+def parsed(page):
+    """A page, read once."""
+    return Links(page)
+
+
 def build(out, *options):
     """Build the site; any warning ends it."""
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-E", "-q", "-d", str(out / "trees"), *options]
@@ -64,13 +73,13 @@ def missing(site, page, target):
     there = (page.parent / path).resolve() if path else page
     if not there.exists():
         return True
-    return bool(place) and there.suffix == ".html" and place not in Links(there).places
+    return bool(place) and there.suffix == ".html" and place not in parsed(there).places
 
 
 def check_links(site):
     """Every link within the site leads somewhere, and nothing is loaded from elsewhere."""
     pages = sorted(site.rglob("*.html"))
-    read = {page: Links(page) for page in pages if "_downloads" not in page.parts and "_static" not in page.parts}
+    read = {page: parsed(page) for page in pages if "_downloads" not in page.parts and "_static" not in page.parts}
     assert len(read) > 30
     outside = re.compile(r"(?:[a-z]+:)?//|mailto:|data:", re.IGNORECASE)
     for page, found in read.items():
@@ -102,6 +111,18 @@ def test_each_effect_has_a_section(site):
     for name, effect in LIBRARY.items():
         assert f'id="effect-{name}"' in page
         assert all(f">{each.symbol}<" in page for each in effect.parameters)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("package", [drillenv, atlas, indentation, recordings], ids=lambda each: each.__name__)
+def test_every_public_name_is_in_the_reference(site, package):
+    text = "".join(page.read_text(encoding="utf-8") for page in (site / "reference").glob("*.html"))
+    parts = {"__version__", "atlas", "controllers"} if package is drillenv else set()
+    homes = (package.__name__, "drillenv")
+    missing = [
+        name for name in set(package.__all__) - parts if not any(f'id="{home}.{name}"' in text for home in homes)
+    ]
+    assert not missing
 
 
 @pytest.mark.thorough
