@@ -13,12 +13,15 @@ SECONDS, RATE = 0.5, 2e5
 SHOWN = slice(-round(2 * RATE / SETTING.frequency), None)
 """The last two periods."""
 BEFORE, AFTER = "0.6", "C0"
+GRIPS = {"guide": "shaker_grip", "indenter": "indenter_grip"}
+"""Dry friction that holds fast, which is no curve."""
 
 
 def draw(name):
-    """Draw the effect of this name at the upper of its typical strengths."""
+    """Draw the effect of this name at the strongest that is typical: each parameter as far from neutral as may be."""
     effect = REGISTRY[name]
-    chosen = make(name, **{each.symbol: each.typical[1] for each in effect.parameters})
+    far = {each.symbol: max(each.typical, key=lambda x, at=each.neutral: abs(x - at)) for each in effect.parameters}
+    chosen = make(name, **far)
     plain = drillenv.simulate(SETTING, ROCK, seconds=SECONDS, sample_rate=RATE)
     _, axes = plt.subplots(1, 1 + bool(effect.laws), figsize=(9, 2.8), layout="constrained", squeeze=False)
     if effect.laws:
@@ -68,7 +71,10 @@ def _draw_law(axes, chosen, run):
         return _draw_contact(axes, chosen, shape_of(law))
     argument = _visited(place, run)
     at = PLACES[CODE[place]]
-    axes.plot(argument, law(argument, chosen.values, RIG.stiffness), color=AFTER)
+    value = law(argument, chosen.values, RIG.stiffness)
+    if chosen.effect.scalars and place in GRIPS:
+        value = value + chosen.effect.scalars(chosen.values).get(GRIPS[place], 0.0) * np.sign(argument)
+    axes.plot(argument, value, color=AFTER)
     axes.axhline(0.0, color=BEFORE, zorder=0)
     axes.locator_params(axis="x", nbins=5)
     axes.set(xlabel=_wrapped(f"{at.argument} [{at.argument_unit}]"), ylabel=_wrapped(f"{at.quantity} [{at.unit}]"))
