@@ -54,7 +54,7 @@ bench: $(VENV)/dev.stamp
 	@$(BIN)/python -m benchmarks.batch
 
 clean:
-	rm -rf $(VENV) out/demo out/site out/docs-cache build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) out/demo out/site out/jupyter_execute out/docs-cache build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/created.stamp:

@@ -56,3 +56,5 @@ def test_counts_of_the_verdicts_page_are_those_of_the_newest_trial():
     assert f"| what no mechanism of the library covers | {right} of {of} |" in page
     right, _, named = counts(*record["groups"])
     assert f"| {right} right (95 % interval 49 to 73 %), {named} named |" in page
+    door = (ROOT / "docs" / "start" / "my-simulation-does-not-match.md").read_text(encoding="utf-8")
+    assert f"it was right in {right} of 60 campaigns" in door
