@@ -11,19 +11,26 @@ INSTALL := $(BIN)/python -m pip install -qq --no-input --disable-pip-version-che
 
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
-.PHONY: help demo test test-fast lint bench clean
+.PHONY: help demo docs test test-fast lint bench clean
 .NOTPARALLEL:
 
 help:
 	@echo "make demo       the published motions, a film and a diagnosis, and a page that leads to them, into out/demo"
+	@echo "make docs       the documentation site, into out/site; its pages run"
 	@echo "make test       every test but the longest; DRILLENV_THOROUGH=1 adds them"
 	@echo "make test-fast  the tests that take a few seconds at most"
 	@echo "make lint       ruff and pyright"
 	@echo "make bench      what is faster than what, measured here"
-	@echo "make clean      remove what was installed and cached, and out/demo"
+	@echo "make clean      remove what was installed, cached and built"
 
 demo: $(VENV)/base.stamp
 	@$(BIN)/drillenv demo --out out/demo
+
+# pages run where the code has changed since they last did; out/docs-cache keeps what they gave
+docs: export OPENBLAS_NUM_THREADS = 1
+docs: $(VENV)/dev.stamp
+	@$(BIN)/sphinx-build --fail-on-warning --keep-going --fresh-env --quiet docs out/site
+	@echo "open out/site/index.html"
 
 # each worker has a core: threads of linear algebra would only get into each other's way
 test test-fast: export OPENBLAS_NUM_THREADS = 1
@@ -47,7 +54,7 @@ bench: $(VENV)/dev.stamp
 	@$(BIN)/python -m benchmarks.batch
 
 clean:
-	rm -rf $(VENV) out/demo build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) out/demo out/site out/jupyter_execute out/docs-cache build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/created.stamp:

@@ -167,7 +167,7 @@ def atlas(
         workers: Threads, one a core where not given. The result is the same for any number.
 
     Returns:
-        Dataset on (rock, frequency, amplitude, pressure): exists, only, share, penetration_rate in m/s, peak_force in
+        Dataset on (rock, frequency, amplitude, pressure) of exists, only, share, penetration_rate in m/s, peak_force in
         N, impact_speed in m/s, largest_multiplier (modulus; these four NaN where there is no P-1-I-1), label_fresh
         (period and impacts); and on boundary_point, boundary_rock (position on the rock axis), boundary_frequency,
         boundary_amplitude, boundary_pressure, boundary_kind (0 period doubling, 1 fold, 2 another impact or contact,
