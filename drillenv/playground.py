@@ -1,8 +1,8 @@
 """The numbers behind the page to play with: ``python -m drillenv.playground docs/play`` writes its data files.
 
 ``constants.js`` holds the rig, the rocks, the box of the controls and the boundary of P-1-I-1 from an atlas;
-``mechanisms.js`` what the rig's force and acceleration are with and without each effect of the library. Everything else on
-the page is computed by ``engine.js`` in the browser.
+``mechanisms.js`` what the rig's force and acceleration are with and without each effect of the library. Everything else
+on the page is computed by ``engine.js`` in the browser.
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ def constants(atlas: xarray.Dataset) -> dict[str, Any]:
 def _boundary(atlas: xarray.Dataset, case: int) -> dict[str, list[list[float]]]:
     """Curves of (frequency in Hz, p / A in bar/V): ``strong`` P-1-I-1 lies below the one, ``weak`` above the other."""
     place = int(np.flatnonzero(atlas["rock"].values == case)[0])
-    columns = (atlas[f"boundary_{name}"].values for name in ("rock", "axis", "side", "frequency", "pressure", "amplitude"))
+    columns = (
+        atlas[f"boundary_{name}"].values for name in ("rock", "axis", "side", "frequency", "pressure", "amplitude")
+    )
     rock, axis, side, frequency, pressure, amplitude = columns
     ratio = pressure / amplitude
     here = (rock == place) & (axis == PRESSURE_AXIS)
@@ -203,7 +205,9 @@ def _described(effect: Effect) -> dict[str, Any]:
         "equation": effect.equation,
         "sensor": not effect.moves_rig,
         "rest": effect.counted is not None,
-        "parameters": [{"symbol": each.symbol, "meaning": each.meaning, "unit": each.unit} for each in effect.parameters],
+        "parameters": [
+            {"symbol": each.symbol, "meaning": each.meaning, "unit": each.unit} for each in effect.parameters
+        ],
     }
 
 
@@ -238,7 +242,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write the data files of the page into a folder."""
     parser = argparse.ArgumentParser(prog="python -m drillenv.playground", description=main.__doc__)
     parser.add_argument("folder", type=Path, help="such as docs/play")
-    parser.add_argument("--atlas", type=Path, default=ATLAS, help="NetCDF file of drillenv atlas (default: %(default)s)")
+    parser.add_argument(
+        "--atlas", type=Path, default=ATLAS, help="NetCDF file of drillenv atlas (default: %(default)s)"
+    )
     given = parser.parse_args(arguments)
     files = {"constants.js": constants_script(given.atlas), "mechanisms.js": as_script("MECHANISMS", mechanisms())}
     for name, text in files.items():

@@ -624,6 +624,7 @@ const Engine = (() => {
 
   const LONGEST_PERIOD = 32; // the longest period looked for, in excitation periods
   const CLOSED = 1e-9; // a motion has settled where it comes back to this share of the indenter's own amplitude
+  const SAME = 1e-6; // crossings this close are not told apart as those of a longer motion
 
   /*
    * A run that goes on and on: the state at phase 0 with the last crossings, by which its period is told.
@@ -651,7 +652,10 @@ const Engine = (() => {
         advancePeriod(this.model, this.state);
         this.periods += 1;
         this.remember();
-        if (this.periods % 16 === 0) this.period = this.closes();
+        if (this.periods % 16 === 0) {
+          const period = this.closes();
+          if (period && !this.halves(period)) this.period = period;
+        }
       }
       return this.period;
     }
@@ -677,12 +681,31 @@ const Engine = (() => {
       if (this.periods < 2 * LONGEST_PERIOD + 1) return 0;
       for (let n = 1; n <= LONGEST_PERIOD; n++) {
         let apart = 0;
-        for (let i = 0; i < 4 * (LONGEST_PERIOD + 1) && apart <= tolerance; i++) {
-          apart = Math.max(apart, Math.abs(this.track[i] - this.track[i + 4 * n]));
-        }
+        for (let i = 0; i <= LONGEST_PERIOD && apart <= tolerance; i++) apart = Math.max(apart, this.apart(i, i + n));
         if (apart <= tolerance) return n;
       }
       return 0;
+    }
+
+    /*
+     * Whether a motion that closes after `n` periods may still be closing in, from both sides, on one of a divisor of n,
+     * as it does near a period doubling: crossings so many periods apart are the same, or draw nearer.
+     */
+    halves(n) {
+      const earlier = LONGEST_PERIOD - (LONGEST_PERIOD % n);
+      for (let d = 1; d < n; d++) {
+        if (n % d) continue;
+        const now = this.apart(0, d);
+        if (now < SAME || Math.abs(now - this.apart(earlier, earlier + d)) > CLOSED) return true;
+      }
+      return false;
+    }
+
+    /* The largest difference of two crossings, i and j periods ago. */
+    apart(i, j) {
+      let most = 0;
+      for (let m = 0; m < 4; m++) most = Math.max(most, Math.abs(this.track[4 * i + m] - this.track[4 * j + m]));
+      return most;
     }
 
     /* The largest Lyapunov exponent in 1/s, from a second run close by that is pulled back after each period. */

@@ -16,6 +16,13 @@ const QUIET = 500; // ms without a change after which the motion is spoken
 const MINUS = "\u2212";
 const signed = (text) => text.replace("-", MINUS);
 
+/* A number as people write it: 10000000000 as 1e10. */
+function short(value) {
+  const size = Math.abs(value);
+  const text = size >= 1e5 || (size > 0 && size < 1e-3) ? value.toExponential().replace("e+", "e") : String(value);
+  return text.replaceAll("-", MINUS);
+}
+
 /* Radio buttons named `name` for [value, text or nodes, name for readers]; `chosen` is called with the value picked. */
 function radios(place, name, choices, checked, chosen) {
   for (const [value, text, spoken] of choices) {
@@ -28,10 +35,10 @@ function radios(place, name, choices, checked, chosen) {
   }
 }
 
-/* Text that is not broken over two lines. */
-function together(text) {
+/* Text on a line of its own. */
+function ownLine(text) {
   const span = document.createElement("span");
-  span.className = "together";
+  span.className = "line";
   span.textContent = text;
   return span;
 }
@@ -57,6 +64,7 @@ function schedule() {
 function changed() {
   kind = null;
   orbit.change(model());
+  element("label").classList.add("coming");
   clearTimeout(spoken);
   spoken = setTimeout(speak, QUIET);
   schedule();
@@ -282,7 +290,8 @@ function drawMissing() {
     const plain = unpacked(without[channel]), changedBy = unpacked(run[channel]);
     const shown = on ? changedBy : plain, residual = shown.map((each, i) => each - plain[i]);
     // the axes are those with the mechanism on, so that switching it on and off moves the curves alone
-    const most = extremes(changedBy.map((each, i) => each - plain[i]));
+    const least = 0.005 * Math.max(...plain.map(Math.abs)); // so that no residual is a flat line, not rounding drawn large
+    const most = extremes(changedBy.map((each, i) => each - plain[i]), [-least, least]);
     const label = `${channel} [${unit}]`;
     drawSignals(`${channel}-both`, xs, [[plain, "quiet", 1.4], [shown, stroke, 1.8]], extremes(plain, changedBy), label);
     drawSignals(`${channel}-residual`, xs, [[residual, stroke, 1.8]], most, label);
@@ -313,7 +322,7 @@ function drawSignals(id, xs, signals, [low, high], yLabel) {
 
 function describeMechanism(effect, run, on, example) {
   const values = effect.parameters.map(({ symbol, meaning, unit }, i) =>
-    `${symbol} = ${signed(String(run.values[i]))}${unit && unit !== "1" ? ` ${unit}` : ""} (${meaning})`);
+    `${symbol} = ${short(run.values[i])}${unit && unit !== "1" ? ` ${unit}` : ""} (${meaning})`);
   element("sentence").textContent = effect.sentence;
   element("equation").textContent = effect.equation;
   element("values").textContent = values.join("; ");
@@ -351,7 +360,7 @@ function setUpMissing() {
   };
   radios(element("strengths"), "strength", MECHANISMS.strengths.map((each, i) => [i, each]), seen.strength, choose("strength"));
   const examples = MECHANISMS.examples.map((each, i) => [
-    i, [`Rock ${each.rock}, ${each.frequency} Hz, ${each.amplitude} V, ${each.pressure} bar: `, together(each.motion)],
+    i, [`Rock ${each.rock}, ${each.frequency} Hz, ${each.amplitude} V, ${each.pressure} bar`, ownLine(each.motion)],
   ]);
   radios(element("examples"), "example", examples, seen.example, choose("example"));
   element("on").addEventListener("change", drawMissing);

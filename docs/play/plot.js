@@ -1,7 +1,7 @@
 "use strict";
 /* Line plots on a canvas: sharp on any screen, in the colours of the page's style sheet. */
 const Plot = (() => {
-  const MARGIN = { left: 58, right: 12, top: 10, bottom: 42 };
+  const MARGIN = { left: 64, right: 12, top: 10, bottom: 42 };
   let palette = null;
 
   /* A colour of the style sheet; read once, and again after forgetColours(). */
