@@ -126,15 +126,16 @@ def test_a_project_with_folders_of_those_names_uses_what_is_installed(wheel, tmp
 
 def pythons():
     """The oldest Python that will do and the newest one found, on PATH or among those of pyenv."""
-    places = [os.environ.get("PATH", "")]
     versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
-    places += [str(each / "bin") for each in versions.glob("3.*")]
-    found = []
+    places = [os.environ.get("PATH", os.defpath), *(str(each / "bin") for each in versions.glob("3.*"))]
+    found = {}
     for minor in range(OLDEST, NEWEST + 1):
-        command = shutil.which(f"python3.{minor}", path=os.pathsep.join(places))
-        if command is not None and subprocess.run([command, "-c", "import venv"], capture_output=True).returncode == 0:
-            found.append(command)
-    return found[:1] + found[1:][-1:]
+        for place in places:
+            command = shutil.which(f"python3.{minor}", path=place)
+            # the shims of pyenv are there for versions that are not switched on, too
+            if command and subprocess.run([command, "-c", "import ensurepip"], capture_output=True).returncode == 0:
+                found.setdefault(minor, command)
+    return [found[minor] for minor in sorted({min(found), max(found)})] if found else []
 
 
 @pytest.fixture(scope="module", params=pythons(), ids=lambda command: Path(command).name)
