@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from drillenv.dynamics.effects import Moment
 
-INNER = {
+INNER: dict[str, Any] = {
     "cache": True,
     "nogil": True,
     "error_model": "numpy",
@@ -24,11 +24,11 @@ INNER = {
 }
 """How a kernel that only other kernels call is compiled: what would let Python call it takes longer than the kernel. Do
 not call one from Python: there is nothing there to call, and the process ends."""
-ALLOCATING = {**INNER, "_nrt": True}
+ALLOCATING: dict[str, Any] = {**INNER, "_nrt": True}
 """The same for one that makes arrays."""
-INLINED = {**INNER, "forceinline": True}
+INLINED: dict[str, Any] = {**INNER, "forceinline": True}
 """The same for what a kernel calls all the time."""
-MERGED = {**INNER, "inline": "always"}
+MERGED: dict[str, Any] = {**INNER, "inline": "always"}
 """The same for what is called in one place: merged into its caller, it is not compiled and linked by itself."""
 
 
@@ -42,9 +42,9 @@ YES: Any = np.bool_(True)
 """The same of what is true or not."""
 
 
-MOMENT = types.NamedTuple([types.int64 if name == "regime" else types.float64 for name in Moment._fields], Moment)
+MOMENT: Any = types.NamedTuple([types.int64 if name == "regime" else types.float64 for name in Moment._fields], Moment)
 _NUMBERS = types.CPointer(types.float64)
-TERM = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+TERM: Any = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
 
 
 @functools.cache

@@ -57,7 +57,7 @@ class HoleTask(Task):
             if depth is not None:
                 raise InputError("scenario fixes the depth of its holes: leave depth out with it")
             self.scenario = read_scenario(scenario, self.kind)
-        self.depth = DEPTH if depth is None else number("depth", depth, 0.05, DEEPEST, "m")
+        self.depth: float = DEPTH if depth is None else number("depth", depth, 0.05, DEEPEST, "m")
         self.costs: Costs = read_costs(costs)
         if isinstance(without, str) or not isinstance(without, Sequence):
             raise InputError(f"without is {shown(without)}: give a list of {', '.join(TERMS)}")
@@ -65,9 +65,9 @@ class HoleTask(Task):
         if not isinstance(lost_bit_ends, bool):
             raise InputError(f"lost_bit_ends is {shown(lost_bit_ends)}: give True or False")
         self.lost_bit_ends = lost_bit_ends
-        self.increment = choice("actions", actions, ACTIONS) == "increment"
+        self.increment: bool = choice("actions", actions, ACTIONS) == "increment"
         self.window = False
-        self.noise = number("noise", noise, 0.0, 100.0)
+        self.noise: float = number("noise", noise, 0.0, 100.0)
         self.reward = Reward()
 
     @property
