@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -179,9 +179,9 @@ class Recorded:
         self.stride: int = max(each for each in range(1, longest + 1) if self.over % each == 0)
         self.starts: np.ndarray = data.starts * self.over
         self.windows: int = len(data.starts) - 1
-        self.inside = slice(int(self.starts[0]), int(self.starts[-1]))
+        self.inside: slice = slice(int(self.starts[0]), int(self.starts[-1]))
         # nothing is simulated of what the logger's filter would look ahead to, or back
-        self.judged = slice(int(data.starts[0]) + REACH, int(data.starts[-1]) - REACH)
+        self.judged: slice = slice(int(data.starts[0]) + REACH, int(data.starts[-1]) - REACH)
         # accelerometers that ring still speak of what was before; the same samples are judged with and without
         # them, or costs could not be compared
         self.wait: int = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
@@ -191,7 +191,7 @@ class Recorded:
         self.coloured: bool = any(each.corner > 0.0 for each in self.noise)
         n = data.force.size
         shapes = [nuisance(each, n) for each in self.noise]
-        self.lines = [(i, row) for i, (rows, _) in enumerate(shapes) for row in rows]
+        self.lines: list[tuple[int, Any]] = [(i, row) for i, (rows, _) in enumerate(shapes) for row in rows]
         """Channel and shape (n,) of disturbing lines and constants, whose sizes are own unknowns."""
         self.line_precision: np.ndarray = np.concatenate([precision for _, precision in shapes])
 

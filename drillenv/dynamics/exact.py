@@ -313,7 +313,17 @@ def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: floa
 
 
 @njit(**INLINE)
-def first_root(model, regime, release, scratch, theta, low, high, guess, rate) -> tuple[float, float, float, float]:
+def first_root(
+    model: np.ndarray,
+    regime: int,
+    release: bool,
+    scratch: Scratch,
+    theta: float,
+    low: float,
+    high: float,
+    guess: float,
+    rate: float,
+) -> tuple[float, float, float, float]:
     """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
 
     ``rate`` in 1/s is how fast the function changes, to judge when a step is the last. Returns the time to
@@ -346,7 +356,7 @@ def first_root(model, regime, release, scratch, theta, low, high, guess, rate) -
 
 
 @njit(**INLINE)
-def highest_point(model, regime, scratch, theta, low, high) -> float:
+def highest_point(model: np.ndarray, regime: int, scratch: Scratch, theta: float, low: float, high: float) -> float:
     """A maximum of the switch function in [low, high], where it rises at one end and falls at the other."""
     t = 0.5 * (low + high)
     for _ in range(60):

@@ -76,7 +76,7 @@ class Task:
         noise: float = 1.0,
     ):
         self.kind = choice("kind", kind, KINDS)
-        self.rock = None if rock is None else _rock(rock)
+        self.rock: tuple[Rock, int] | None = None if rock is None else _rock(rock)
         self.corrected: Corrected = Corrected() if model is None else read_model(_path("model", model))
         if self.corrected.rock is not None:
             if self.rock is not None:
@@ -93,9 +93,9 @@ class Task:
         self.window: bool = choice("observations", observations, OBSERVATIONS) == "window"
         self.noise: float = number("noise", noise, 0.0, 100.0)
         self.rig: np.ndarray = rig_array(self.corrected.rig)
-        self.effects = {chosen.effect.name: chosen.given for chosen in moving}
+        self.effects: dict[str, dict[str, Any]] = {chosen.effect.name: chosen.given for chosen in moving}
 
-    rest = np.array([0.0, 0.0, -1.0], dtype=np.float32)
+    rest: np.ndarray = np.array([0.0, 0.0, -1.0], dtype=np.float32)
     """The action that asks for :data:`drillenv.env.episodes.START`, in absolute terms."""
 
     def batch(self, n: int, threads: int) -> Batch:

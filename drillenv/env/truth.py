@@ -160,7 +160,16 @@ def motion_label(cycles: np.ndarray, whole: int, largest: float) -> tuple[int, f
 
 
 @njit(**KERNEL)
-def summarise(sums, peaks, turns, rating: float, cycles, layers, memory, truth) -> None:
+def summarise(
+    sums: np.ndarray,
+    peaks: np.ndarray,
+    turns: float,
+    rating: float,
+    cycles: np.ndarray,
+    layers: np.ndarray,
+    memory: np.ndarray,
+    truth: np.ndarray,
+) -> None:
     """Fill a row of ``truth`` (TRUTH_SIZE,).
 
     Args:

@@ -56,7 +56,7 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if render_mode is not None:
             raise InputError(f"render_mode is {shown(render_mode)}: a batch is not drawn; render one rig of DrillEnv")
         try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
+            self.autoreset_mode: AutoresetMode = AutoresetMode(autoreset_mode)
         except ValueError:
             modes = ", ".join(mode.value for mode in AutoresetMode)
             raise InputError(f"autoreset_mode is {shown(autoreset_mode)}: give one of {modes}") from None

@@ -59,9 +59,9 @@ class Judge:
         self.informations: np.ndarray = np.array([each.information for each in survey.candidates])
         self.powers: np.ndarray = np.array([each.power for each in survey.candidates])
         self.prior: Floats = survey.prior
-        self.mechanisms = tuple(dict.fromkeys(each.effect for each in survey.signatures))
+        self.mechanisms: tuple[str, ...] = tuple(dict.fromkeys(each.effect for each in survey.signatures))
         self.of: np.ndarray = np.array([self.mechanisms.index(each.effect) for each in survey.signatures])
-        self.rivals = [rival_of(survey, each) for each in self.mechanisms]
+        self.rivals: list[Rival] = [rival_of(survey, each) for each in self.mechanisms]
         # one test a family, and about as many families as mechanisms
         self.chance: float = 0.5 * float(chi2.isf(FALSE_ALARMS / len(self.mechanisms), COEFFICIENTS))
 

@@ -72,6 +72,16 @@ class _Block(NamedTuple):
 class Balance:
     """The balances of one recording, judged block by block."""
 
+    force: Floats
+    acceleration: Floats
+    by_force: Floats
+    by_drive: complex
+    excitation: Floats | None
+    on_tone: Mask
+    first: int
+    last: int
+    blocks: list[slice]
+
     def __init__(
         self,
         recording: Recording,
