@@ -11,7 +11,7 @@ INSTALL := $(BIN)/python -m pip install -qq --no-input --disable-pip-version-che
 
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
-.PHONY: help demo docs test test-fast lint bench clean
+.PHONY: help demo docs test test-fast package lint bench clean
 .NOTPARALLEL:
 
 help:
@@ -19,6 +19,7 @@ help:
 	@echo "make docs       the documentation site, into out/site; its pages run"
 	@echo "make test       every test but the longest; DRILLENV_THOROUGH=1 adds them"
 	@echo "make test-fast  the tests that take a few seconds at most"
+	@echo "make package    wheel and sdist, checked, and the wheel tried in empty environments"
 	@echo "make lint       ruff and pyright"
 	@echo "make bench      what is faster than what, measured here"
 	@echo "make clean      remove what was installed, cached and built"
@@ -43,6 +44,9 @@ test: $(VENV)/dev.stamp
 
 test-fast: $(VENV)/dev.stamp
 	@$(BIN)/pytest -n $(JOBS) -m "not slow"
+
+package: $(VENV)/dev.stamp
+	@DRILLENV_THOROUGH=1 $(BIN)/pytest tests/test_package.py
 
 lint: $(VENV)/dev.stamp
 	@$(BIN)/ruff check .

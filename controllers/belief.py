@@ -66,7 +66,7 @@ class Belief:
     def reset(self, rng: np.random.Generator) -> None:
         """Believe in any rock."""
         self._rng = rng
-        self.cylinder = Cylinder()
+        self.cylinder: Cylinder = Cylinder()
         self._begun = False
 
     def update(self, observation: np.ndarray) -> None:

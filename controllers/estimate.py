@@ -144,7 +144,7 @@ class RockEstimate:
     """Added to it for a relative change of 1 of the pressure within the interval."""
 
     def __init__(self, hazard: float = 0.04, odd: float = 15.0, error: float = 0.015):
-        self.rocks = rocks_known()
+        self.rocks: Rocks = rocks_known()
         self._hazard, self._odd, self._error = hazard, odd, error
         self.beliefs = np.full(self.rocks.loading.size, 1.0 / self.rocks.loading.size)
         self.newness = 1.0
@@ -165,12 +165,12 @@ class RockEstimate:
         same = (1.0 - self._hazard) * self.beliefs * np.exp(np.minimum(fits, 0.0))
         new = self._hazard * math.exp(-self._odd)
         total = same.sum() + new
-        self.newness = new / total
+        self.newness: float = new / total
         if self.newness > 1e-3:
             same += new * self._hint(observation, models[1])
             self.beliefs = same / same.sum()
         else:
-            self.beliefs = same / total
+            self.beliefs: np.ndarray = same / total
 
     def _models(self, ratio: float) -> np.ndarray:
         """(5, n) what the chart says of each rock at a ratio in bar/V."""

@@ -25,7 +25,7 @@ class Learned:
     sees_truth = False
 
     def __init__(self, policy: str | Path | Policy = SHIPPED):
-        self.policy = policy if isinstance(policy, Policy) else read_policy(policy)
+        self.policy: Policy = policy if isinstance(policy, Policy) else read_policy(policy)
         weights = self.policy.weights
         names = [f"layer{i}" for i in range(len(self.policy.layers))]
         self._layers = [(weights[f"{name}.weight"].T, weights[f"{name}.bias"]) for name in names]

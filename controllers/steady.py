@@ -18,8 +18,8 @@ RATIOS = np.arange(0.9, 6.01, 0.06)
 frequency only this ratio decides on the motion."""
 FREQUENCIES = (110.0, 115.0, 120.0)
 """Hz. Below these the same force makes less progress, on every rock of Table 2.2."""
-AMPLITUDES = np.linspace(RANGES[1, 0], RANGES[1, 1], 61)
-PRESSURES = np.linspace(RANGES[2, 0], RANGES[2, 1], 61)
+AMPLITUDES: np.ndarray = np.linspace(RANGES[1, 0], RANGES[1, 1], 61)
+PRESSURES: np.ndarray = np.linspace(RANGES[2, 0], RANGES[2, 1], 61)
 MARGIN = 1
 """Steps of RATIOS to stay away from the next other motion: the face of a layer is not quite its stable rock."""
 

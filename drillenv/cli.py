@@ -15,7 +15,8 @@ import drillenv
 from drillenv.checks import InputError, choice, count, shown
 from drillenv.cli_campaign import add_campaign
 from drillenv.cli_controllers import add_export, add_film, add_league, add_record, add_train
-from drillenv.cli_options import Parser, add_json, plain_number, print_json, whole_number
+from drillenv.cli_options import Parser, add_commands, add_json, plain_number, print_json, whole_number
+from drillenv.completion import PrintCompletion
 from drillenv.corrected import effect_record, read_model
 from drillenv.files import check_writable
 from drillenv.rig import (
@@ -53,6 +54,54 @@ RIG_UNITS = {
     "drive_gain": "factor on Eq. 3.5",
     "pressure_gain": "factor on Eq. 3.6",
 }
+_DRIVE = "--amplitude 0.45 --pressure 1.0"
+_PLACE = f"--rock 4 --frequency 120 {_DRIVE}"
+COMMANDS = {
+    "simulate": ("run the rig and write what its sensors see", f"{_PLACE} --seconds 2 --out run.csv"),
+    "motion": ("the motion that the rig settles on", _PLACE),
+    "sweep": (
+        "the motions along a control or the rock's stiffness: a bifurcation diagram",
+        f"--rock 4 --over frequency --from 50 --to 120 --step 0.1 {_DRIVE} --out sweep.png",
+    ),
+    "atlas": (
+        "where one impact a period exists, over frequency, amplitude and pressure",
+        "--rock 4 --points 15 7 7 --out atlas.nc --plot atlas.png",
+    ),
+    "campaign": ("write, check and look at the description of recordings", "check CAMPAIGN"),
+    "indentation": (
+        "fit a quasi-static indentation test: the stiffnesses of a rock",
+        "CURVE.csv --compliance 5e-9 --out rock.json",
+    ),
+    "diagnose": ("where recordings and simulation differ, and by which physics", "CAMPAIGN --out diagnosis"),
+    "compare": (
+        "what differs between two diagnoses, as before and after a repair",
+        "before/report.json after/report.json",
+    ),
+    "prove": (
+        "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers",
+        "--out trial --seed 7 --campaigns 4",
+    ),
+    "league": (
+        "controllers through the same episodes: what each is worth, and how surely",
+        "--controllers rules seeking --scenario validation --episodes 8 --json league.json",
+    ),
+    "train": ("train a policy, so that it can be stopped at any moment and go on", "--algo ppo --out runs/ppo-0"),
+    "export": (
+        "a policy that runs with numpy alone, from a run of training or a saved model",
+        "--run runs/ppo-0 --out policies/ppo-0",
+    ),
+    "record": (
+        "play of controllers as a dataset of Minari, for offline learning",
+        "--controllers rules --dataset drillenv/rules-v0 --episodes 8",
+    ),
+    "film": (
+        "an episode as a film: one controller or several beside each other",
+        "--controllers rules shipped --out change.gif",
+    ),
+    "paper": ("compute every published motion and draw its figure", "--out paper"),
+    "demo": ("what all of this does: a page that leads to motions, a film and a diagnosis", "--out demo"),
+}
+"""What each command does, and the options of an example."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -109,28 +158,32 @@ def _parser() -> Parser:
     parser = Parser(prog="drillenv", description="A percussive-drilling rig, simulated exactly.", allow_abbrev=False)
     parser.set_defaults(compiles=True)
     parser.add_argument("--version", action="version", version=f"drillenv {drillenv.__version__}")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
-    for name, add, line in (
-        ("simulate", _add_simulate, "run the rig and write what its sensors see"),
-        ("motion", _add_motion, "the motion that the rig settles on"),
-        ("sweep", _add_sweep, "the motions along a control or the rock's stiffness: a bifurcation diagram"),
-        ("atlas", _add_atlas, "where one impact a period exists, over frequency, amplitude and pressure"),
-        ("campaign", add_campaign, "write, check and look at the description of recordings"),
-        ("indentation", _add_indentation, "fit a quasi-static indentation test: the stiffnesses of a rock"),
-        ("diagnose", _add_diagnose, "where recordings and simulation differ, and by which physics"),
-        ("compare", _add_compare, "what differs between two diagnoses, as before and after a repair"),
-        ("prove", _add_prove, "conceal physics in made campaigns, have them diagnosed blindly, and mark the answers"),
-        ("league", add_league, "controllers through the same episodes: what each is worth, and how surely"),
-        ("train", add_train, "train a policy, so that it can be stopped at any moment and go on"),
-        ("export", add_export, "a policy that runs with numpy alone, from a run of training or a saved model"),
-        ("record", add_record, "play of controllers as a dataset of Minari, for offline learning"),
-        ("film", add_film, "an episode as a film: one controller or several beside each other"),
-        ("paper", _add_paper, "compute every published motion and draw its figure"),
-        ("demo", _add_demo, "what all of this does: a page that leads to motions, a film and a diagnosis"),
-    ):
-        command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
-        add(command)
+    parser.add_argument("--print-completion", action=PrintCompletion, help="print a script that completes commands")
+    add_commands(parser, "command", _commands())
     return parser
+
+
+def _commands() -> Iterable[tuple[str, Callable[[Parser], None], str, str]]:
+    """All commands: the name of each, what adds its options, what it does, and an example's options."""
+    adders = (
+        _add_simulate,
+        _add_motion,
+        _add_sweep,
+        _add_atlas,
+        add_campaign,
+        _add_indentation,
+        _add_diagnose,
+        _add_compare,
+        _add_prove,
+        add_league,
+        add_train,
+        add_export,
+        add_record,
+        add_film,
+        _add_paper,
+        _add_demo,
+    )
+    return ((name, add, *told) for (name, told), add in zip(COMMANDS.items(), adders, strict=True))
 
 
 def _add_controls(parser: Parser, required: bool = True) -> None:
@@ -178,7 +231,7 @@ def _add_simulate(parser: Parser) -> None:
     parser.add_argument(
         "--phase", type=plain_number, default=0.0, metavar="RAD", help="of the excitation at the start, in rad"
     )
-    note = "exact: closed form (default); general: numerical integration, always taken where a model has effects"
+    note = "exact: closed form (default); hybrid: numerical integration, always taken where a model has effects"
     parser.add_argument("--engine", default="exact", metavar="{exact,hybrid}", help=note)
     parser.add_argument("--out", metavar="FILE.csv", help="where the samples go")
     note = "physics beyond the paper's model, such as contact-rate chi=0.45; repeatable"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drillenv.checks import InputError, choice, shown
-from drillenv.cli_options import Parser, add_json, plain_number, print_json, whole_number
+from drillenv.cli_options import Parser, add_commands, add_json, plain_number, print_json, whole_number
 from drillenv.files import check_writable, whole
 from drillenv.rig import AMPLITUDE_RANGE, FREQUENCY_RANGE, PRESSURE_RANGE
 
@@ -27,15 +27,15 @@ FOUND = 1
 
 def add_campaign(parser: Parser) -> None:
     """The commands below ``drillenv campaign``."""
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="campaign_command")
-    for name, add, line in (
-        ("plan", _add_plan, "propose the settings to record that tell most mechanisms apart"),
-        ("init", _add_init, "write campaign.json for a folder of data files"),
-        ("check", _add_check, "look for faults of sensors, wiring, units and sample rate"),
-        ("plot", _add_plot, "draw every recording beside what the nominal model says of it"),
-    ):
-        command = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.", allow_abbrev=False)
-        add(command)
+    line = "propose the settings to record that tell most mechanisms apart"
+    plan = ("plan", _add_plan, line, "--rock 4 --settings 8")
+    line = "write campaign.json for a folder of data files"
+    init = ("init", _add_init, line, "CAMPAIGN --rock 4 --pressure 1.0")
+    line = "look for faults of sensors, wiring, units and sample rate"
+    check = ("check", _add_check, line, "CAMPAIGN")
+    line = "draw every recording beside what the nominal model says of it"
+    plot = ("plot", _add_plot, line, "CAMPAIGN --out recordings.html")
+    add_commands(parser, "campaign_command", (plan, init, check, plot))
 
 
 # --- plan

@@ -16,7 +16,7 @@ from typing import Any
 from drillenv.checks import InputError, count, shown
 from drillenv.cli_options import Parser, plain_number, whole_number
 
-EXTRAS = {
+EXTRAS: dict[str, tuple[str, ...]] = {
     "datasets": ("minari", "safetensors"),
     "controllers": ("control", "safetensors"),
     "train": ("control", "safetensors", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"),
@@ -28,7 +28,7 @@ CONTROLLERS = (
 )
 ANNEALED = ("noise", "noise_end", "noise_anneal", "anneal")
 ON_POLICY = ("rollout", "epochs", "gae_lambda", "clip")
-NO_USE = {
+NO_USE: dict[str, tuple[str, ...]] = {
     "ppo-vine": ("gae_lambda", "lstm"),
     "recurrent-ppo": (),
     "ppo": (*ANNEALED, "ahead", "lstm"),

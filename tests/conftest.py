@@ -1,6 +1,7 @@
 """What every test needs: compiled kernels that belong to the sources as they are; and which tests are asked for."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -27,3 +28,28 @@ def pytest_collection_modifyitems(items) -> None:
     for item in items:
         if "thorough" in item.keywords:
             item.add_marker(pytest.mark.skip(reason="takes long: set DRILLENV_THOROUGH=1"))
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium that can look up no name, driven through Selenium."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    chromedriver = shutil.which("chromedriver")
+    if chromium is None or chromedriver is None:
+        pytest.skip("no chromium with its chromedriver on PATH (apt-get install chromium chromium-driver)")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+        "--window-size=1280,900",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=chromedriver))
+    yield driver
+    driver.quit()

@@ -4,6 +4,8 @@ import csv
 import functools
 import json
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 
 from drillenv import cli
+from drillenv.cli_options import commands_below
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.motion import motion
 from drillenv.dynamics.simulate import simulate
@@ -431,6 +434,41 @@ def test_help_says_units_and_ranges(command, capsys):
     if command in (["simulate"], ["motion"], ["sweep"]):
         assert "10 to 250" in printed
         assert "in bar, 0.2 to 5" in printed
+
+
+@pytest.mark.parametrize("command", list(commands_below(cli._parser())), ids=lambda command: command.prog)
+def test_help_ends_with_an_example_that_parses(command, capsys):
+    assert cli.main([*command.prog.split()[1:], "--help"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1].strip()
+    name, *arguments = shlex.split(last)
+    assert name == "drillenv" and last.startswith(command.prog)
+    assert cli._parser().parse_args(arguments).command == command.prog.split()[1]
+
+
+def completed(script, *words):
+    """What bash offers for the last of these words."""
+    lines = (
+        f"source {script}", f"COMP_WORDS=({' '.join(map(shlex.quote, words))})", f"COMP_CWORD={len(words) - 1}",
+        "_shtab_drillenv", 'printf "%s\\n" "${COMPREPLY[@]}"',
+    )  # fmt: skip
+    done = subprocess.run(["bash", "-c", "\n".join(lines)], capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_bash_completes_commands_options_and_values(run, tmp_path):
+    script = tmp_path / "drillenv.bash"
+    script.write_text(run("--print-completion", "bash"), encoding="utf-8")
+    assert completed(script, "drillenv", "mo") == ["motion"]
+    assert completed(script, "drillenv", "campaign", "ch") == ["check"]
+    assert completed(script, "drillenv", "sweep", "--dir") == ["--direction"]
+    assert completed(script, "drillenv", "simulate", "--engine", "") == ["exact", "hybrid"]
+    assert "--algo" in completed(script, "drillenv", "train", "--al")
+
+
+@pytest.mark.parametrize("shell", ["zsh", "tcsh"])
+def test_other_shells_get_a_script_too(run, shell):
+    assert "drillenv" in run("--print-completion", shell)
 
 
 def test_version(capsys):

@@ -52,7 +52,7 @@ class Learner:
         torch.set_num_threads(1)
         self.recipe = recipe
         self.threads = threads
-        self.rigs = rigs_of(recipe, recipe.envs, threads)
+        self.rigs: DrillVecEnv = rigs_of(recipe, recipe.envs, threads)
         self.monitor = VecMonitor(self.rigs)
         self._left = 1.0
         if not recipe.prepared:

@@ -56,7 +56,7 @@ class DrillVecEnv(VecEnv):
     ):
         if isinstance(info_keys, str) or not isinstance(info_keys, Sequence):
             raise InputError(f"info_keys is {shown(info_keys)}: give a list of names, such as ['cost', 'motion']")
-        self.info_keys = tuple(choice("info key", key, INFO_KEYS) for key in info_keys)
+        self.info_keys: tuple[str, ...] = tuple(choice("info key", key, INFO_KEYS) for key in info_keys)
         made = gym.make_vec(
             choice("id", id, (*IDS, *HOLE_IDS)),
             count("num_envs", num_envs, 1, 1_000_000),
@@ -82,7 +82,7 @@ class DrillVecEnv(VecEnv):
             InputError: the options are not what the environment takes.
         """
         observations, infos = self.rigs.reset(seed=self._seeds, options=self._options_of_all())
-        self.reset_infos = self._rows(infos)
+        self.reset_infos: list[dict[str, Any]] = self._rows(infos)
         self._reset_seeds()
         self._reset_options()
         return observations

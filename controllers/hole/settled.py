@@ -78,7 +78,9 @@ def _place(x: float, n: int):
 
 
 @njit(**KERNEL)
-def look_up(values: np.ndarray, loading: float, hardening: float, frequency: float, ratio: float, out: np.ndarray):
+def look_up(
+    values: np.ndarray, loading: float, hardening: float, frequency: float, ratio: float, out: np.ndarray
+) -> None:
     """Fill ``out`` (FEATURES,) with what the settled motion does, interpolated."""
     a, u = _place((math.log(loading) - _LOG_FIRST) / _LOG_STEP, values.shape[0])
     b = 0

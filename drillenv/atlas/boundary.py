@@ -118,16 +118,24 @@ class Place:
 class Curve:
     """The orbits of one period along a swept value."""
 
-    def __init__(self, begin: Motion, over: str, towards: float):
+    setting: Setting
+    rock: Rock
+    rig: Rig
+    over: str
+    period: int
+    impacts: int
+    label: str
+
+    def __init__(self, begin: Motion, over: str, towards: float) -> None:
         self.setting, self.rock, self.rig, self.over = begin.setting, begin.rock, begin.rig, over
         self.period, self.impacts, self.label = begin.period, round(begin.impacts), begin.label
         model = make_model(self.rig, self.rock, self.setting)
         length = length_scale(model)
         speed = length * model[0, OMEGA]
-        self.inside = value_of(self.setting, self.rock, over)
+        self.inside: float = value_of(self.setting, self.rock, over)
         self.outside = towards
-        self.scales = np.array([length, speed, speed, length, abs(towards - self.inside)])
-        self.first = np.append(point_from_xf(begin, model), self.inside) / self.scales
+        self.scales: np.ndarray = np.array([length, speed, speed, length, abs(towards - self.inside)])
+        self.first: np.ndarray = np.append(point_from_xf(begin, model), self.inside) / self.scales
 
     def value(self, at: np.ndarray) -> float:
         """The swept value at a point of the curve."""

@@ -67,7 +67,7 @@ TILE_POINTS, TILE_EDGES = 48, 256
 UNITS = {"frequency": "Hz", "amplitude": "V", "pressure": "bar"}
 
 # name: dimensions, unit, what it is
-VARIABLES = {
+VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "exists": (GRID, "1", "a stable P-1-I-1 orbit exists"),
     "only": (GRID, "1", "P-1-I-1 exists and every start tried settles on it"),
     "share": (GRID, "1", "share of the starts tried (fresh and random) that settle on P-1-I-1"),
@@ -145,7 +145,7 @@ def atlas(
     rig: Rig | None = None,
     progress: bool = False,
     cluster: str | None = None,
-    out: str | os.PathLike | None = None,
+    out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
 ) -> xarray.Dataset:
     """Where P-1-I-1 exists, where it is the only motion, what it does there, and where and how it ends.
@@ -196,7 +196,7 @@ def atlas(
     return dataset
 
 
-def load_atlas(path: str | os.PathLike) -> xarray.Dataset:
+def load_atlas(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Read an atlas that :func:`atlas` has written.
 
     Raises:

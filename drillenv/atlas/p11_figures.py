@@ -35,7 +35,7 @@ ENDS = {
 }
 
 
-def plot_atlas(dataset: xarray.Dataset, path: str | os.PathLike) -> list[Path]:
+def plot_atlas(dataset: xarray.Dataset, path: str | os.PathLike[str]) -> list[Path]:
     """Draw an atlas: slices at ``path``, and beside it NAME_surface, the boundary in space, and NAME_ratio, over p / A.
 
     Args:

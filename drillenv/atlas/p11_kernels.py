@@ -56,7 +56,7 @@ beyond a fold Newton's method may still find one that lies near."""
 
 
 @njit(**KERNEL)
-def random_start(model: np.ndarray, draw: np.ndarray, state: np.ndarray):
+def random_start(model: np.ndarray, draw: np.ndarray, state: np.ndarray) -> None:
     """The rig off the rock, anywhere in a box around its motions, from ``draw`` (DRAWS,) in [0, 1).
 
     Any phase; the spring's shortening up to twice its static one; the indenter's speed within 2 and the shaker's within
@@ -73,7 +73,7 @@ def random_start(model: np.ndarray, draw: np.ndarray, state: np.ndarray):
 
 
 @njit(**KERNEL)
-def as_loading(model: np.ndarray, point: np.ndarray, regime: int):
+def as_loading(model: np.ndarray, point: np.ndarray, regime: int) -> None:
     """Count w of a point of the section, so far counted in ``regime``, in the regime of loading."""
     if point[3] > 0.0 and regime != FREE and regime != LOADING:
         point[3] *= model[regime, STIFFNESS] / model[LOADING, STIFFNESS]
@@ -122,7 +122,7 @@ def settle_points(
     points: np.ndarray,
     tangents: np.ndarray,
     motions: np.ndarray,
-):
+) -> None:
     """Try a fresh and random starts at each of n settings.
 
     Args:
@@ -158,7 +158,7 @@ def settle_points(
 
 
 @njit(**KERNEL)
-def set_between(model: np.ndarray, here: np.ndarray, there: np.ndarray, share: float):
+def set_between(model: np.ndarray, here: np.ndarray, there: np.ndarray, share: float) -> None:
     """Put the model at the setting a ``share`` of the way from one drive to another."""
     set_drive(
         here[0] + share * (there[0] - here[0]),
@@ -177,7 +177,7 @@ def follow(
     point: np.ndarray,
     tangent: np.ndarray,
     motion: np.ndarray,
-):
+) -> tuple[float, float, int, float, float]:
     """Follow P-1-I-1 from the setting ``here``, where ``point`` is on it, towards ``there``.
 
     Steps are doubled where the orbit is found and halved where it is not, down to ``precision``; each starts Newton's
@@ -228,7 +228,7 @@ def follow_edges(
     tangents: np.ndarray,
     motions: np.ndarray,
     ends: np.ndarray,
-):
+) -> None:
     """Follow P-1-I-1 along n edges between neighbouring settings.
 
     Args:

@@ -98,7 +98,7 @@ _TURNS, _REGIME, _FIRST, _PHASE = 0, 1, 2, 7
 
 
 @njit(**INLINE)
-def deceleration(model, regime: int, scratch: Scratch, phase: float, state: np.ndarray, t: float) -> float:
+def deceleration(model: np.ndarray, regime: int, scratch: Scratch, phase: float, state: np.ndarray, t: float) -> float:
     """-X2'' in m/s^2 a time ``t`` into the contact of ``scratch.work``."""
     set_phase(phase + model[0, OMEGA] * t, state)
     contact_state(model, regime, scratch.work, state[SINE], state[COSINE], t, state)
@@ -106,7 +106,9 @@ def deceleration(model, regime: int, scratch: Scratch, phase: float, state: np.n
 
 
 @njit(**KERNEL)
-def largest_deceleration(model, row, duration, state, scratch) -> float:
+def largest_deceleration(
+    model: np.ndarray, row: np.ndarray, duration: float, state: np.ndarray, scratch: Scratch
+) -> float:
     """The largest -X2'' in m/s^2 during the contact regime that begins with a log row and lasts ``duration`` s."""
     regime = int(row[_REGIME])
     set_phase(row[_PHASE], state)
@@ -142,7 +144,15 @@ def log_phase(row: np.ndarray) -> float:
 
 
 @njit(**KERNEL)
-def find_peaks(model, state, periods, log, scratch, forces, accelerations) -> int:
+def find_peaks(
+    model: np.ndarray,
+    state: np.ndarray,
+    periods: int,
+    log: np.ndarray,
+    scratch: Scratch,
+    forces: np.ndarray,
+    accelerations: np.ndarray,
+) -> int:
     """The force peaks of ``periods`` excitation periods, the second on from ``state``; returns how many were written.
 
     A period more is run on either side, so that an impact under way at the section is seen from beginning to end.
@@ -164,7 +174,17 @@ def find_peaks(model, state, periods, log, scratch, forces, accelerations) -> in
 
 
 @njit(**KERNEL)
-def follow(plant, stiffnesses, drives, state, wait, patience, out, tangents, peaks):
+def follow(
+    plant: np.ndarray,
+    stiffnesses: np.ndarray,
+    drives: np.ndarray,
+    state: np.ndarray,
+    wait: int,
+    patience: int,
+    out: np.ndarray,
+    tangents: np.ndarray,
+    peaks: np.ndarray,
+) -> int:
     """The motions along a line of settings, each from where the one before crosses the section.
 
     ``plant`` (4,) is m1, m2, k, c; ``stiffnesses`` (n, 2) k_l and k_u; ``drives`` (n, 3) omega, F_a and F_b. ``state``

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 # Places, as an index into the arrays of codes and parameters.
@@ -45,7 +46,7 @@ GRIP = 1
 
 
 @njit(cache=True)
-def power_depth(code, p, depth, loading):
+def power_depth(code: int, p: np.ndarray, depth: float, loading: bool) -> float:
     """Depth in m that the rock's stiffness acts on, for rock whose force is no straight line of the depth."""
     if code == 0 or depth <= 0.0:
         return depth
@@ -61,7 +62,7 @@ def power_depth(code, p, depth, loading):
 
 
 @njit(cache=True)
-def toe_depth(code, p, depth, loading, softer):
+def toe_depth(code: int, p: np.ndarray, depth: float, loading: bool, softer: float) -> float:
     """Depth in m that is left for solid rock behind a soft layer. ``softer`` is k_l / k_u."""
     if code == 0 or depth <= 0.0:
         return depth
@@ -82,14 +83,14 @@ def toe_depth(code, p, depth, loading, softer):
 
 
 @njit(cache=True)
-def elastic_depth(codes, p, depth, loading, softer):
+def elastic_depth(codes: np.ndarray, p: np.ndarray, depth: float, loading: bool, softer: float) -> float:
     """Depth that the stiffness acts on: the soft layer first, then the power law."""
     solid = toe_depth(codes[TOE], p[TOE], depth, loading, softer)
     return power_depth(codes[POWER], p[POWER], solid, loading)
 
 
 @njit(cache=True)
-def depth_of(codes, p, wanted, loading, softer):
+def depth_of(codes: np.ndarray, p: np.ndarray, wanted: float, loading: bool, softer: float) -> float:
     """The depth at which :func:`elastic_depth` is ``wanted``, by bisection."""
     if codes[TOE] == 0 and codes[POWER] == 0:
         return wanted
@@ -108,7 +109,7 @@ def depth_of(codes, p, wanted, loading, softer):
 
 
 @njit(cache=True)
-def rate_force(code, p, elastic, depth, into):
+def rate_force(code: int, p: np.ndarray, elastic: float, depth: float, into: float) -> float:
     """Force in N that the rock adds at a speed ``into`` it in m/s, beside its ``elastic`` force in N."""
     if code == 0 or depth <= 0.0:
         return 0.0
@@ -125,7 +126,7 @@ def rate_force(code, p, elastic, depth, into):
 
 
 @njit(cache=True)
-def compaction_factor(code, p, impacts, advance):
+def compaction_factor(code: int, p: np.ndarray, impacts: float, advance: float) -> float:
     """Factor on the rock's stiffness after so many impacts, and so many metres, on a fresh face."""
     if code == 0:
         return 1.0
@@ -140,7 +141,7 @@ def compaction_factor(code, p, impacts, advance):
 
 
 @njit(cache=True)
-def spring_force(code, p, s):
+def spring_force(code: int, p: np.ndarray, s: float) -> float:
     """Force in N that the coupling's spring adds at a shortening ``s`` in m."""
     if code == 0:
         return 0.0
@@ -153,14 +154,14 @@ def spring_force(code, p, s):
 
 
 @njit(cache=True)
-def spring_saturation(code, p, s):
+def spring_saturation(code: int, p: np.ndarray, s: float) -> float:
     """Force in N that a saturating spring lacks: beyond p[1] m from p[0] m its force bends over within p[1]."""
     off = s - p[0]
     return p[2] * (p[1] * math.tanh(off / p[1]) - off)
 
 
 @njit(cache=True)
-def backlash_force(code, p, s, k):
+def backlash_force(code: int, p: np.ndarray, s: float, k: float) -> float:
     """Force in N that play adds; it begins at p[1] m of shortening and is p[0] m wide."""
     if code == 0:
         return 0.0
@@ -178,7 +179,7 @@ def backlash_force(code, p, s, k):
 
 
 @njit(cache=True)
-def damper_force(code, p, v):
+def damper_force(code: int, p: np.ndarray, v: float) -> float:
     """Force in N that the coupling's damper adds at a closing speed ``v`` in m/s."""
     if code == 0:
         return 0.0
@@ -193,7 +194,7 @@ def damper_force(code, p, v):
 
 
 @njit(cache=True)
-def sliding_force(code, p, v):
+def sliding_force(code: int, p: np.ndarray, v: float) -> float:
     """Steady friction in N at a sliding speed ``v`` in m/s, against the motion where positive."""
     if code == 0:
         return 0.0
@@ -211,7 +212,7 @@ def sliding_force(code, p, v):
 
 
 @njit(cache=True)
-def viscous_force(code, p, v):
+def viscous_force(code: int, p: np.ndarray, v: float) -> float:
     """Force in N against the speed ``v`` in m/s of a single body, from a lubricant or a fluid."""
     if code == 0:
         return 0.0
@@ -224,7 +225,7 @@ def viscous_force(code, p, v):
 
 
 @njit(cache=True)
-def bristle_force(code, p, v, z):
+def bristle_force(code: int, p: np.ndarray, v: float, z: float) -> tuple[float, float]:
     """Friction in N of bristles bent by ``z`` m, and how fast they bend in m/s (Dahl, LuGre)."""
     level = p[0] if code == 4 else p[0] + (p[1] - p[0]) * math.exp(-((v / p[2]) ** 2))
     rate = v - p[3] * abs(v) * z / level
@@ -232,7 +233,7 @@ def bristle_force(code, p, v, z):
 
 
 @njit(cache=True)
-def harmonic_share(code, p, theta):
+def harmonic_share(code: int, p: np.ndarray, theta: float) -> float:
     """What the drive adds at the phase ``theta``, as a share of its amplitude."""
     if code == 0:
         return 0.0
@@ -248,7 +249,7 @@ def harmonic_share(code, p, theta):
 
 
 @njit(cache=True)
-def droop_gain(code, p, frequency):
+def droop_gain(code: int, p: np.ndarray, frequency: float) -> tuple[float, float]:
     """Gain of the drive at ``frequency`` in Hz, and its phase in rad."""
     if code == 0:
         return 1.0, 0.0
@@ -267,7 +268,7 @@ def droop_gain(code, p, frequency):
 
 
 @njit(cache=True)
-def limited(code, p, force):
+def limited(code: int, p: np.ndarray, force: float) -> float:
     """The drive's force in N where ``force`` is asked for. A limit of its slope is a state of the rig's."""
     if code == 1:  # clipped
         return min(max(force, -p[0]), p[0])
@@ -279,7 +280,7 @@ def limited(code, p, force):
 
 
 @njit(cache=True)
-def air_force(code, p, x, y, static, v1):
+def air_force(code: int, p: np.ndarray, x: float, y: float, static: float, v1: float) -> tuple[float, float, float]:
     """Force in N that the cylinder lacks, and the rates of its states ``x`` and ``y``.
 
     ``static`` is its force at rest in N, ``v1`` the piston's speed in m/s.

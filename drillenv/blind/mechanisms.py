@@ -227,13 +227,13 @@ def _wave(low: float, high: float) -> Draw:
 
 PHASE = _u(-math.pi, math.pi)
 
-HUM = {
+HUM: dict[str, Callable[[np.random.Generator, float], float]] = {
     "f_m": lambda rng, share: float(rng.choice([50.0, 60.0]) + rng.uniform(-0.05, 0.05)),
     "b_e": _u(0.0, 0.008, True),
     "b_f": _u(5.0, 30.0, True),
     "b_a": _u(2.0, 10.0, True),
 }
-ZERO = {
+ZERO: dict[str, Callable[[np.random.Generator, float], float]] = {
     "o_e": _u(0.0, 0.015, True),
     "o_f": lambda rng, share: share * float(rng.uniform(8.0, 50.0)) * float(rng.choice([-1.0, 1.0])),
     "o_a": lambda rng, share: share * float(rng.uniform(3.0, 20.0)) * float(rng.choice([-1.0, 1.0])),

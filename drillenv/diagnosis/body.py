@@ -214,7 +214,7 @@ class ForceBalance(Regression):
     noise: Autoregression
 
     def __post_init__(self) -> None:
-        self.judged = self.noise.judged(self.data.keep)
+        self.judged: np.ndarray = self.noise.judged(self.data.keep)
 
     @property
     def name(self) -> str:

@@ -108,7 +108,7 @@ class BodyReport:
     size: float = field(init=False)
     """N, standard deviation of the measured side."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.size = float(np.std(np.concatenate([b.data.measured[b.data.keep] for b in self.final.blocks])))
         self.evidence = {id(step): self.weigh(step) for step in self.every if not step.family.constant}
         missing = [step for step in self.every if not step.family.constant]

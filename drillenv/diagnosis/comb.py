@@ -21,7 +21,7 @@ class Comb(NamedTuple):
 
     rest: Floats
     """(n,), what the sines and the mean leave."""
-    tones: NDArray
+    tones: NDArray[np.floating]
     """(lines,), the harmonics below the Nyquist frequency, in cycles per sample."""
     power: Floats
     """(lines,), the sum of squares each explains: two degrees of freedom of the noise."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -171,29 +171,29 @@ class Recorded:
 
     def __post_init__(self) -> None:
         data = self.data
-        self.fine = max(1, math.ceil(0.98 * DENSE / (data.rate * data.thinned)))
+        self.fine: int = max(1, math.ceil(0.98 * DENSE / (data.rate * data.thinned)))
         """Times as fine as the logger's own samples."""
-        self.over = self.fine * data.thinned
-        self.scene = scene_of(data)._replace(rate=data.rate * self.over)
+        self.over: int = self.fine * data.thinned
+        self.scene: Scene = scene_of(data)._replace(rate=data.rate * self.over)
         longest = max(1, math.floor(PATH_STEP * self.scene.rate))
-        self.stride = max(each for each in range(1, longest + 1) if self.over % each == 0)
-        self.starts = data.starts * self.over
-        self.windows = len(data.starts) - 1
-        self.inside = slice(int(self.starts[0]), int(self.starts[-1]))
+        self.stride: int = max(each for each in range(1, longest + 1) if self.over % each == 0)
+        self.starts: np.ndarray = data.starts * self.over
+        self.windows: int = len(data.starts) - 1
+        self.inside: slice = slice(int(self.starts[0]), int(self.starts[-1]))
         # nothing is simulated of what the logger's filter would look ahead to, or back
-        self.judged = slice(int(data.starts[0]) + REACH, int(data.starts[-1]) - REACH)
+        self.judged: slice = slice(int(data.starts[0]) + REACH, int(data.starts[-1]) - REACH)
         # accelerometers that ring still speak of what was before; the same samples are judged with and without
         # them, or costs could not be compared
-        self.wait = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
+        self.wait: int = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
         """Samples of the acceleration that are judged later than those of the force."""
-        self.widths = np.array([each.width for each in self.hypothesis.unknowns])
-        self.measured = np.stack([data.force, data.acceleration])
-        self.coloured = any(each.corner > 0.0 for each in self.noise)
+        self.widths: np.ndarray = np.array([each.width for each in self.hypothesis.unknowns])
+        self.measured: np.ndarray = np.stack([data.force, data.acceleration])
+        self.coloured: bool = any(each.corner > 0.0 for each in self.noise)
         n = data.force.size
         shapes = [nuisance(each, n) for each in self.noise]
-        self.lines = [(i, row) for i, (rows, _) in enumerate(shapes) for row in rows]
+        self.lines: list[tuple[int, Any]] = [(i, row) for i, (rows, _) in enumerate(shapes) for row in rows]
         """Channel and shape (n,) of disturbing lines and constants, whose sizes are own unknowns."""
-        self.line_precision = np.concatenate([precision for _, precision in shapes])
+        self.line_precision: np.ndarray = np.concatenate([precision for _, precision in shapes])
 
     @property
     def name(self) -> str:

@@ -38,7 +38,7 @@ STARTS = 2
 FARTHEST_SHIFT = 2.0
 """Share of its range by which a spring's law may be counted from elsewhere."""
 
-SENSORS = {
+SENSORS: dict[str, tuple[str, ...]] = {
     "accelerometer": ("accelerometer-resonance", "accelerometer-lowpass", "channel-delay"),
     "channel-delay": ("channel-delay",),
     "load-cell-inertia": ("load-cell-inertia",),

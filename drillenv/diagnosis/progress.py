@@ -59,7 +59,7 @@ class Progress:
         """A stage begins."""
         if self._first is None and stage.number > FITTING.number:
             self._first = self._clock() - self._begun
-        self.doing = stage.doing
+        self.doing: str = stage.doing
         estimate = ""
         if self._first is not None:
             estimate = f"; {span(stage.least * self._first, stage.most * self._first)} to go"

@@ -196,7 +196,7 @@ def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term],
     return int(np.argmax(gains))
 
 
-def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
     """The same family over what motions visit now, of twice the resolution, and of more as long as that is seen."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
@@ -214,7 +214,7 @@ def refined(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
     return smoothed(data, fitted, family, pool)
 
 
-def smoothed(data, fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
     """The same with laws that are as smooth as makes their coefficients most likely.
 
     The roughness penalty of P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121, as a prior, whose
@@ -252,7 +252,7 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
     return shape * min(size * np.geomspace(1e-4, 1e2, 61), key=surprise)
 
 
-def with_detail(data, fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
+def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
     """The same family over what motions visit now, of so many times the resolution."""
     rig = fitted.hypothesis.rig
     known = on_axes(fitted.hypothesis, rig.axes_at(fitted, pool))
@@ -294,13 +294,13 @@ class Step:
         return self.gain * fitted.samples / self.before.samples
 
 
-def with_family(fitted: Fitted, family: Family, data, pool: Executor, limits: Limits) -> Fitted:
+def with_family(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
     """The fit with one more family, from its start."""
     hypothesis, start = with_more(fitted.hypothesis, fitted.fit.shared, family)
     return fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
-def with_windows_freed(fitted: Fitted, family: Family, data, pool: Executor) -> Fitted:
+def with_windows_freed(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor) -> Fitted:
     """The fit with one more family by windows that are free for a while, then joined.
 
     A joined fit may creep along a curved valley where one of free windows goes straight.
@@ -594,7 +594,14 @@ def followed(
 
 
 def settled(
-    data, fitted: Fitted, family: Family, found: Fitted, freedom: int, pool: Executor, say: Say, correction: bool
+    data: Sequence[Any],
+    fitted: Fitted,
+    family: Family,
+    found: Fitted,
+    freedom: int,
+    pool: Executor,
+    say: Say,
+    correction: bool,
 ) -> Step:
     """A family that was chosen, with its windows joined, and the equation that its law follows.
 
@@ -611,7 +618,7 @@ def settled(
     return with_form(data, found, step, pool, say)
 
 
-def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Step:
+def with_form(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, say: Say) -> Step:
     """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for."""
     family, gain, found = step.family, step.gain, fitted
     if step.pending:
@@ -642,7 +649,7 @@ def with_form(data, fitted: Fitted, step: Step, pool: Executor, say: Say) -> Ste
 
 
 def corrected_equation(
-    data, named: Named, other: Fitted, family: Family, pool: Executor
+    data: Sequence[Any], named: Named, other: Fitted, family: Family, pool: Executor
 ) -> tuple[Fitted, tuple[Term, ...]]:
     """The nearest equation with a free law of the same family on top, which sharp corners leave less to do for."""
     assert named.nearest_fit is not None

@@ -9,13 +9,13 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-KERNEL = {"cache": True, "nogil": True, "error_model": "numpy"}
+KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 """A kernel that Python calls. Multiply-adds are fused only where the source says so (``fused.fma``): left to the
 compiler ("contract"), a kernel fresh from it and the same one out of the cache round differently, and chaotic motions
 part."""
-INLINE = {**KERNEL, "forceinline": True}
+INLINE: dict[str, Any] = {**KERNEL, "forceinline": True}
 """The same for what kernels are made of: Numba counts references at each call that stays one."""
-INNER = {
+INNER: dict[str, Any] = {
     **KERNEL,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
@@ -24,11 +24,11 @@ INNER = {
 }
 """A kernel that only other kernels call: what would let Python call it takes longer to compile than the kernel. Do not
 call one from Python: there is nothing there to call, and the process ends."""
-ALLOCATING = {**INNER, "_nrt": True}
+ALLOCATING: dict[str, Any] = {**INNER, "_nrt": True}
 """The same for one that makes arrays."""
-INLINED = {**INNER, "forceinline": True}
+INLINED: dict[str, Any] = {**INNER, "forceinline": True}
 """The same for what a kernel calls all the time."""
-MERGED = {**INNER, "inline": "always"}
+MERGED: dict[str, Any] = {**INNER, "inline": "always"}
 """The same for what is called in one place: merged into its caller, it is not compiled and linked by itself."""
 
 
@@ -57,7 +57,7 @@ apart: Callable[..., Any] = intrinsic(_apart)  # pyright: ignore[reportAssignmen
 
 
 @njit(**INNER)
-def copy(source: np.ndarray, target: np.ndarray):
+def copy(source: np.ndarray, target: np.ndarray) -> None:
     """Copy what both have room for, (n,) to (m,). Numba takes seconds to compile the same in slices."""
     for i in range(min(source.size, target.size)):
         target[i] = source[i]

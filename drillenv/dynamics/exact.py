@@ -95,7 +95,7 @@ def borrow_scratch(scratch: Scratch) -> Scratch:
 
 
 @njit(**KERNEL)
-def fresh_state(model: np.ndarray, theta: float, state: np.ndarray):
+def fresh_state(model: np.ndarray, theta: float, state: np.ndarray) -> None:
     """The rig at rest: the cylinder leans on the spring, the indenter just touches rock never hit before."""
     state[:] = 0.0
     state[Y] = model[0, STATIC] / model[0, K]
@@ -103,7 +103,7 @@ def fresh_state(model: np.ndarray, theta: float, state: np.ndarray):
 
 
 @njit(**INLINE)
-def set_phase(theta: float, state: np.ndarray):
+def set_phase(theta: float, state: np.ndarray) -> None:
     """Put the excitation at the phase ``theta`` in rad, in [0, 2 pi)."""
     state[THETA] = theta
     state[SINE], state[COSINE] = sine_cosine(theta)
@@ -117,7 +117,7 @@ def acceleration(model: np.ndarray, state: np.ndarray, kappa: float) -> float:
 
 
 @njit(**INLINED)
-def shift_origin(state: np.ndarray, shift: float):
+def shift_origin(state: np.ndarray, shift: float) -> None:
     """Move the origin; the rounding is carried along (Kahan), so that hours of drift cost no digits."""
     owed = shift + state[CARRY]
     moved = state[ORIGIN] + owed
@@ -158,7 +158,7 @@ def settle(model: np.ndarray, state: np.ndarray) -> int:
 
 
 @njit(**INLINED)
-def open_pair(decay: float, split: float, u: float, v: float, channel: np.ndarray, at: int):
+def open_pair(decay: float, split: float, u: float, v: float, channel: np.ndarray, at: int) -> None:
     """Write u, v of exp(-decay t)(u C + v S) and of its first two time derivatives."""
     for i in range(at, at + 6, 2):
         channel[i], channel[i + 1] = u, v
@@ -166,7 +166,7 @@ def open_pair(decay: float, split: float, u: float, v: float, channel: np.ndarra
 
 
 @njit(**INLINED)
-def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch):
+def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch) -> None:
     """Take the coming regime apart into modes; write what the switch functions need into ``scratch.channel``.
 
     In contact: [0:2] sine and cosine part of v2, [5:11] u, v of the fast pair in v2 and its first two derivatives,
@@ -192,7 +192,7 @@ def open_channel(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scr
 
 
 @njit(**INLINED)
-def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float):
+def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float) -> tuple[float, float, float]:
     """w, v2 and the acceleration, a time ``t`` into a flight that began at phase ``theta``."""
     omega = model[0, OMEGA]
     c, s = pair_at(model[0, RELATIVE], model[0, RELATIVE + 1], model[0, RELATIVE + 2], t)
@@ -206,7 +206,9 @@ def probe_free(model: np.ndarray, channel: np.ndarray, theta: float, t: float):
 
 
 @njit(**INLINED)
-def probe_contact(model: np.ndarray, regime: int, channel: np.ndarray, work: np.ndarray, theta: float, t: float):
+def probe_contact(
+    model: np.ndarray, regime: int, channel: np.ndarray, work: np.ndarray, theta: float, t: float
+) -> tuple[float, float, float, float]:
     """w, v2, the acceleration and its derivative, a time ``t`` into a contact regime that began at phase ``theta``."""
     omega = model[0, OMEGA]
     fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
@@ -223,7 +225,9 @@ def probe_contact(model: np.ndarray, regime: int, channel: np.ndarray, work: np.
 
 
 @njit(**INLINED)
-def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta: float, t: float):
+def probe(
+    model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta: float, t: float
+) -> tuple[float, float, float, float]:
     """The switch function, its first two derivatives, and w. ``release``: unloading asked for w instead of v2."""
     if regime == FREE:
         w, v, a = probe_free(model, scratch.channel, theta, t)
@@ -237,7 +241,7 @@ def probe(model: np.ndarray, regime: int, release: bool, scratch: Scratch, theta
 
 
 @njit(**INLINED)
-def sixth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray):
+def sixth_derivative_bounds(model: np.ndarray, regime: int, channel: np.ndarray) -> tuple[float, float, float]:
     """Bounds on the sixth derivative of the switch function (w in flight, v2 in contact) over the whole regime.
 
     Returns (lasting, fading, rate): the bound at a time t into the regime is ``lasting + fading * exp(-rate * t)``.
@@ -308,7 +312,17 @@ def quintic_root(f0: float, d0: float, c0: float, f1: float, d1: float, c1: floa
 
 
 @njit(**INLINED)
-def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
+def first_root(
+    model: np.ndarray,
+    regime: int,
+    release: bool,
+    scratch: Scratch,
+    theta: float,
+    low: float,
+    high: float,
+    guess: float,
+    rate: float,
+) -> tuple[float, float, float, float]:
     """Where the switch function rises through zero in (low, high], by safeguarded Newton-Halley.
 
     ``rate`` in 1/s is how fast the function changes, to judge when a step is the last. Returns the time to
@@ -341,7 +355,7 @@ def first_root(model, regime, release, scratch, theta, low, high, guess, rate):
 
 
 @njit(**INLINED)
-def highest_point(model, regime, scratch, theta, low, high):
+def highest_point(model: np.ndarray, regime: int, scratch: Scratch, theta: float, low: float, high: float) -> float:
     """A maximum of the switch function in [low, high], where it rises at one end and falls at the other."""
     t = 0.5 * (low + high)
     for _ in range(60):
@@ -370,7 +384,7 @@ def curvature_at_start(model: np.ndarray, regime: int, channel: np.ndarray, stat
 
 
 @njit(**INLINED)
-def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch, limit: float):
+def find_switch(model: np.ndarray, regime: int, state: np.ndarray, scratch: Scratch, limit: float) -> tuple[float, int]:
     """Time to the end of this regime, and how it ends: GOES_ON (at ``limit``), AT_SURFACE or AT_REST."""
     theta = state[THETA]
     if regime == FREE:
@@ -495,7 +509,7 @@ def complete(model: np.ndarray, state: np.ndarray, regime: int, limit: float, sc
 
 
 @njit(**INLINED)
-def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally: np.ndarray):
+def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally: np.ndarray) -> None:
     """Enter the switch from ``before`` to ``regime``, on which the state stands, into the tally."""
     if regime == before:
         return
@@ -509,7 +523,7 @@ def count(model: np.ndarray, state: np.ndarray, before: int, regime: int, tally:
 
 
 @njit(**INLINED)
-def reduced(left: float, owed: float, taken: float):
+def reduced(left: float, owed: float, taken: float) -> tuple[float, float]:
     """The time left after ``taken``, and the rounding it owes (Kahan): thousands of switches must not move the end."""
     if taken == left:
         return 0.0, 0.0
@@ -519,7 +533,7 @@ def reduced(left: float, owed: float, taken: float):
 
 
 @njit(**KERNEL)
-def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.ndarray, scratch: Scratch):
+def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.ndarray, scratch: Scratch) -> None:
     """Move the state ``duration`` seconds on; what happens is added to the tally."""
     apart()
     model, state, scratch = borrowed(model), borrowed(state), borrow_scratch(scratch)
@@ -532,7 +546,7 @@ def advance(model: np.ndarray, state: np.ndarray, duration: float, tally: np.nda
 
 
 @njit(**KERNEL)
-def advance_period(model: np.ndarray, state: np.ndarray, tally: np.ndarray, scratch: Scratch):
+def advance_period(model: np.ndarray, state: np.ndarray, tally: np.ndarray, scratch: Scratch) -> None:
     """Move the state one excitation period on, back to exactly the phase where it stands."""
     apart()
     theta, turns = state[THETA], state[TURNS]
@@ -542,7 +556,9 @@ def advance_period(model: np.ndarray, state: np.ndarray, tally: np.ndarray, scra
 
 
 @njit(**INNER)
-def advance_tangent(model: np.ndarray, state: np.ndarray, tangent: np.ndarray, tally: np.ndarray, scratch: Scratch):
+def advance_tangent(
+    model: np.ndarray, state: np.ndarray, tangent: np.ndarray, tally: np.ndarray, scratch: Scratch
+) -> None:
     """As ``advance_period``; also multiplies ``tangent`` (4, n) by the derivative of the map of (y, v1, v2, w).
 
     The vector field is continuous over every switch in these coordinates, apart from the change of scale of w where
@@ -577,7 +593,9 @@ def advance_tangent(model: np.ndarray, state: np.ndarray, tangent: np.ndarray, t
 
 
 @njit(**KERNEL)
-def advance_logged(model: np.ndarray, state: np.ndarray, duration: float, log: np.ndarray, scratch: Scratch):
+def advance_logged(
+    model: np.ndarray, state: np.ndarray, duration: float, log: np.ndarray, scratch: Scratch
+) -> tuple[int, float]:
     """Move the state up to ``duration`` seconds on, writing a row of ``log`` (n, LOG_SIZE) at each segment's start.
 
     Returns the rows written and the time left, which is above zero where the log was full.
@@ -599,6 +617,6 @@ def advance_logged(model: np.ndarray, state: np.ndarray, duration: float, log: n
 
 
 @njit(**KERNEL)
-def run_periods(model: np.ndarray, state: np.ndarray, periods: int, tally: np.ndarray):
+def run_periods(model: np.ndarray, state: np.ndarray, periods: int, tally: np.ndarray) -> None:
     """Move the state whole periods on, with no stop at their ends: the bare engine, as `make bench` times it."""
     advance(model, state, periods * TURN / model[0, OMEGA], tally, make_scratch())

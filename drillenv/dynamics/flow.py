@@ -57,7 +57,7 @@ MODEL_SHAPE = (3, 68)
 
 
 @njit(**INNER)
-def set_pair(linear: float, constant: float, out: np.ndarray):
+def set_pair(linear: float, constant: float, out: np.ndarray) -> None:
     """Write decay, split and root of the roots of s^2 + linear s + constant."""
     split = 0.25 * linear * linear - constant
     out[0], out[1], out[2] = 0.5 * linear, split, math.sqrt(abs(split))
@@ -155,7 +155,7 @@ def set_plant(m1: float, m2: float, k: float, c: float, kl: float, ku: float, mo
 
 
 @njit(**KERNEL)
-def set_drive(omega: float, amplitude: float, static: float, model: np.ndarray):
+def set_drive(omega: float, amplitude: float, static: float, model: np.ndarray) -> None:
     """Write a setting into a model that holds a plant: excitation in rad/s, F_a and F_b in N."""
     m1, m2, k, c = model[0, M1], model[0, M2], model[0, K], model[0, C]
     mass = m1 * m2 / (m1 + m2)
@@ -206,7 +206,7 @@ def make_model(rig: Rig, rock: Rock, setting: Setting) -> np.ndarray:
 
 
 @njit(**INLINED)
-def sine_cosine(x: float):
+def sine_cosine(x: float) -> tuple[float, float]:
     """sin x and cos x to the last bit or two for abs(x) < 1e5, at half the cost of two calls of the C library.
 
     Cody and Waite's reduction to [-pi/4, pi/4] and the kernels of Sun's fdlibm.
@@ -240,7 +240,7 @@ def fall(x: float) -> float:
 
 
 @njit(**INLINED)
-def pair_at(decay: float, split: float, root: float, t: float):
+def pair_at(decay: float, split: float, root: float, t: float) -> tuple[float, float]:
     """exp(-decay t) C(t) and exp(-decay t) S(t) of a pair, with C'' = split C, C(0) = 1, S(0) = 0, S'(0) = 1."""
     x = split * t * t
     if abs(x) < 0.05:
@@ -259,7 +259,9 @@ def pair_at(decay: float, split: float, root: float, t: float):
 
 
 @njit(**INLINED)
-def contact_coefficients(model: np.ndarray, regime: int, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
+def contact_coefficients(
+    model: np.ndarray, regime: int, z: np.ndarray, sine: float, cosine: float, work: np.ndarray
+) -> None:
     """Write u, v of the fast pair and u, v of the slow pair, for a contact that starts in ``z``, into ``work``."""
     h0 = z[0] - model[regime, FORCED] - sine * model[regime, FORCED + 4] - cosine * model[regime, FORCED + 8]
     h1 = z[1] - model[regime, FORCED + 1] - sine * model[regime, FORCED + 5] - cosine * model[regime, FORCED + 9]
@@ -283,7 +285,9 @@ def contact_coefficients(model: np.ndarray, regime: int, z: np.ndarray, sine: fl
 
 
 @njit(**INLINED)
-def contact_state(model, regime: int, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray):
+def contact_state(
+    model: np.ndarray, regime: int, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray
+) -> None:
     """The state a time ``t`` after the contact of ``work`` began; ``sine`` and ``cosine`` of the phase reached."""
     fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
     sc, ss = pair_at(model[regime, SLOW], model[regime, SLOW + 1], model[regime, SLOW + 2], t)
@@ -295,7 +299,7 @@ def contact_state(model, regime: int, work: np.ndarray, sine: float, cosine: flo
 
 
 @njit(**INLINED)
-def free_coefficients(model: np.ndarray, z: np.ndarray, sine: float, cosine: float, work: np.ndarray):
+def free_coefficients(model: np.ndarray, z: np.ndarray, sine: float, cosine: float, work: np.ndarray) -> None:
     """Write the flight that starts in ``z`` into ``work``: [:3] the centre of mass, [3:5] u and v of y."""
     share, swing, omega = model[0, SHARE], model[0, SWING], model[0, OMEGA]
     work[0] = z[3] + share * z[0] + swing / omega * sine
@@ -308,7 +312,7 @@ def free_coefficients(model: np.ndarray, z: np.ndarray, sine: float, cosine: flo
 
 
 @njit(**INLINED)
-def free_state(model: np.ndarray, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray):
+def free_state(model: np.ndarray, work: np.ndarray, sine: float, cosine: float, t: float, out: np.ndarray) -> None:
     """The state a time ``t`` after the flight of ``work`` began; ``sine`` and ``cosine`` of the phase reached."""
     share, swing, omega = model[0, SHARE], model[0, SWING], model[0, OMEGA]
     decay, split = model[0, RELATIVE], model[0, RELATIVE + 1]
@@ -326,7 +330,7 @@ def free_state(model: np.ndarray, work: np.ndarray, sine: float, cosine: float, 
 
 
 @njit(**INLINED)
-def contact_matrix(model: np.ndarray, regime: int, t: float, out: np.ndarray):
+def contact_matrix(model: np.ndarray, regime: int, t: float, out: np.ndarray) -> None:
     """(4, 4) derivative of the state after a time ``t`` in contact by the state before."""
     fc, fs = pair_at(model[regime, FAST], model[regime, FAST + 1], model[regime, FAST + 2], t)
     sc, ss = pair_at(model[regime, SLOW], model[regime, SLOW + 1], model[regime, SLOW + 2], t)
@@ -342,7 +346,7 @@ def contact_matrix(model: np.ndarray, regime: int, t: float, out: np.ndarray):
 
 
 @njit(**INLINED)
-def free_matrix(model: np.ndarray, t: float, out: np.ndarray):
+def free_matrix(model: np.ndarray, t: float, out: np.ndarray) -> None:
     """(4, 4) derivative of the state after a time ``t`` in free flight by the state before."""
     decay, split = model[0, RELATIVE], model[0, RELATIVE + 1]
     c, s = pair_at(decay, split, model[0, RELATIVE + 2], t)

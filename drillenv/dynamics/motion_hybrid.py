@@ -107,7 +107,9 @@ Place = Motion
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def depth_counted(m: np.ndarray, d: np.ndarray, z: np.ndarray, regime: int, wanted: int, scratch: np.ndarray):
+def depth_counted(
+    m: np.ndarray, d: np.ndarray, z: np.ndarray, regime: int, wanted: int, scratch: np.ndarray
+) -> tuple[float, float]:
     """Depth in m at which a regime of contact resists as the present one does: w counted from Xp instead of Xf.
 
     And its derivative by the present depth. What ``d`` counts of the contact's corners is lost.
@@ -172,10 +174,17 @@ class Section:
         InputError: an effect that does not act on the motion or is given twice.
     """
 
-    def __init__(self, setting: Setting, rock: Rock, rig: Rig, effects: tuple[Chosen, ...]):
+    setting: Setting
+    rock: Rock
+    rig: Rig
+    effects: tuple[Chosen, ...]
+    columns: np.ndarray
+    scales: np.ndarray
+
+    def __init__(self, setting: Setting, rock: Rock, rig: Rig, effects: tuple[Chosen, ...]) -> None:
         self.setting, self.rock, self.rig, self.effects = setting, rock, rig, effects
         self.model = model_for(rig, setting, rock, effects)
-        self.duration = setting.period
+        self.duration: float = setting.period
         length = rig.drive_force(setting) / (rig.indenter_mass * (TURN * setting.frequency) ** 2)
         speed = length * TURN * setting.frequency
         columns, scales = [Y, V1, V2, W], [length, speed, speed, length]
@@ -204,11 +213,11 @@ class Section:
                 columns.append(at)
                 scales.append(extra.size)
             elif discrete and at == COUNT and chosen.effect.counted is not None:
-                self.goal = max(self.goal, chosen.effect.counted(chosen.values))
+                self.goal: float = max(self.goal, chosen.effect.counted(chosen.values))
         if Q in columns:
-            self.rest = RESTED / self.model.s[AIR_RATE]
+            self.rest: float = RESTED / self.model.s[AIR_RATE]
         self.columns, self.scales = np.array(columns), np.array(scales)
-        self.scratch = make_scratch(self.model)
+        self.scratch: np.ndarray = make_scratch(self.model)
 
     def _close_after(self, turn: float | np.ndarray) -> None:
         """Leave the periods after which angles are back that go on by ``turn`` rad in one."""

@@ -61,7 +61,7 @@ def section_distance(model: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
 
 
 @njit(**KERNEL)
-def on_section(model: np.ndarray, state: np.ndarray, regime: int, point: np.ndarray):
+def on_section(model: np.ndarray, state: np.ndarray, regime: int, point: np.ndarray) -> None:
     """Write (y, v1, v2, w) of a state, with w as the given regime counts it."""
     copy(state[:4], point)
     present = int(state[REGIME])
@@ -70,7 +70,7 @@ def on_section(model: np.ndarray, state: np.ndarray, regime: int, point: np.ndar
 
 
 @njit(**KERNEL)
-def put_on_section(point: np.ndarray, regime: int, state: np.ndarray):
+def put_on_section(point: np.ndarray, regime: int, state: np.ndarray) -> None:
     """Set a state from a point of the section, at the origin."""
     state[:] = 0.0
     copy(point, state)
@@ -107,7 +107,9 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> bool:
 
 
 @njit(**KERNEL)
-def map_point(model: np.ndarray, point: np.ndarray, regime: int, period: int, image: np.ndarray, tangent: np.ndarray):
+def map_point(
+    model: np.ndarray, point: np.ndarray, regime: int, period: int, image: np.ndarray, tangent: np.ndarray
+) -> None:
     """Take a point of the section ``period`` excitation periods on; ``tangent`` (4, 4) gets the derivative."""
     apart()
     state, tally = np.zeros(STATE_SIZE), np.zeros(TALLY_SIZE)
@@ -186,7 +188,7 @@ def contracts(matrix: np.ndarray) -> bool:
 
 
 @njit(**KERNEL)
-def describe(model: np.ndarray, point: np.ndarray, regime: int, period: int, out: np.ndarray):
+def describe(model: np.ndarray, point: np.ndarray, regime: int, period: int, out: np.ndarray) -> None:
     """Go once around an orbit and write what happens on it."""
     apart()
     state, tally = np.zeros(STATE_SIZE), np.zeros(TALLY_SIZE)
@@ -246,7 +248,9 @@ def exponent(model: np.ndarray, state: np.ndarray, periods: int, out: np.ndarray
 
 
 @njit(**KERNEL)
-def find_motion(model: np.ndarray, state: np.ndarray, wait: int, patience: int, out: np.ndarray, tangent: np.ndarray):
+def find_motion(
+    model: np.ndarray, state: np.ndarray, wait: int, patience: int, out: np.ndarray, tangent: np.ndarray
+) -> None:
     """What ``state`` settles on: runs it, polishes the orbit it comes near, and writes ``out`` (MOTION_SIZE,).
 
     After ``wait`` periods the last LONGEST_PERIOD crossings are compared; the shortest near return is polished by

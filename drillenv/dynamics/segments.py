@@ -139,7 +139,7 @@ def work_and_damping(model: np.ndarray, log: np.ndarray) -> tuple[float, float]:
 
 
 @njit(**INLINE)
-def open_segment(model: np.ndarray, row: np.ndarray, work: np.ndarray):
+def open_segment(model: np.ndarray, row: np.ndarray, work: np.ndarray) -> None:
     """Write the coefficients of the segment that starts in ``row`` into ``work`` (16,)."""
     sine, cosine = sine_cosine(row[L_THETA])
     if int(row[L_REGIME]) == FREE:
@@ -160,7 +160,7 @@ def segment_state(model: np.ndarray, row: np.ndarray, work: np.ndarray, t: float
 
 
 @njit(**KERNEL)
-def sample(model: np.ndarray, log: np.ndarray, starts: np.ndarray, times: np.ndarray, out: np.ndarray):
+def sample(model: np.ndarray, log: np.ndarray, starts: np.ndarray, times: np.ndarray, out: np.ndarray) -> None:
     """Fill ``out`` (SAMPLE_ROWS, n) at ``times`` (n,), which ascend; ``starts`` are the segment times."""
     model, log, starts = borrowed(model), borrowed(log), borrowed(starts)
     times, out = borrowed(times), borrowed(out)
@@ -193,7 +193,7 @@ def sample(model: np.ndarray, log: np.ndarray, starts: np.ndarray, times: np.nda
 
 
 @njit(**KERNEL)
-def quadrature(model: np.ndarray, log: np.ndarray, drive: np.ndarray, damper: np.ndarray):
+def quadrature(model: np.ndarray, log: np.ndarray, drive: np.ndarray, damper: np.ndarray) -> None:
     """Add each segment's work of the drive and loss in the damper, in J, to ``drive`` and ``damper`` (segments,)."""
     work, z = np.zeros(16), np.zeros(4)
     for segment in range(log.shape[0] - 1):

@@ -87,7 +87,7 @@ class Controls(NamedTuple):
 
 
 @njit(**INLINE)
-def place_start(model: np.ndarray, unit: np.ndarray, state: np.ndarray):
+def place_start(model: np.ndarray, unit: np.ndarray, state: np.ndarray) -> None:
     """Set a state from numbers in [0, 1), spread over a box about twice as wide as the motions known.
 
     The spring is shortened by up to two length scales more or less than F_b asks for. The indenter is free, up to
@@ -109,7 +109,9 @@ def place_start(model: np.ndarray, unit: np.ndarray, state: np.ndarray):
 
 
 @njit(**KERNEL)
-def settle_on(model: np.ndarray, state: np.ndarray, wait: int, patience: int, out: np.ndarray, tangent: np.ndarray):
+def settle_on(
+    model: np.ndarray, state: np.ndarray, wait: int, patience: int, out: np.ndarray, tangent: np.ndarray
+) -> None:
     """As ``find_motion``, with more patience where what was found is neither periodic nor clearly chaotic."""
     find_motion(model, state, wait, patience, out, tangent)
     if out[PERIOD] == 0.0 and out[EXPONENT] * TURN < LINGERING * model[0, OMEGA]:
@@ -117,7 +119,17 @@ def settle_on(model: np.ndarray, state: np.ndarray, wait: int, patience: int, ou
 
 
 @njit(**KERNEL)
-def find_motions(plants, which, drives, starts, wait, patience, first, out, tangents):
+def find_motions(
+    plants: np.ndarray,
+    which: np.ndarray,
+    drives: np.ndarray,
+    starts: np.ndarray,
+    wait: int,
+    patience: int,
+    first: int,
+    out: np.ndarray,
+    tangents: np.ndarray,
+) -> None:
     """The motions of pairs ``first`` to ``first + len(out)``, setting by setting and start by start.
 
     ``plants`` (r, *MODEL_SHAPE) hold the rocks, ``which`` (n,) says which one a setting drills, ``drives`` (n, 3) are

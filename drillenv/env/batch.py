@@ -47,7 +47,7 @@ _RATING = 4
 
 
 @njit(**KERNEL)
-def set_from_action(action: np.ndarray, increment: bool, memory: np.ndarray, setting: np.ndarray):
+def set_from_action(action: np.ndarray, increment: bool, memory: np.ndarray, setting: np.ndarray) -> None:
     """The setting (3,) in Hz, V and bar that an action (3,) float32 asks for, inside the ranges of Table 2.1."""
     for j in range(3):
         push = float(min(max(action[j], np.float32(-1.0)), np.float32(1.0)))
@@ -60,7 +60,9 @@ def set_from_action(action: np.ndarray, increment: bool, memory: np.ndarray, set
 
 
 @njit(**KERNEL)
-def finish(plants: Plants, i: int, turns: float, sums, peaks, cycles, weights, noise, strength, truths, seen, rewards):
+def finish(
+    plants: Plants, i: int, turns: float, sums, peaks, cycles, weights, noise, strength, truths, seen, rewards
+) -> None:
     """From what happened to rig i in an interval to its row of truth, its readings and its reward."""
     summarise(sums, peaks, turns, weights[_RATING], cycles, plants.layers[i], plants.memories[i], truths[i])
     observe(truths[i], noise[i], strength, seen[i])
@@ -70,7 +72,7 @@ def finish(plants: Plants, i: int, turns: float, sums, peaks, cycles, weights, n
 @njit(**KERNEL)
 def step_rigs(
     plants: Plants, first, last, which, actions, increment, weights, noise, strength, truths, seen, rewards, windows
-):
+) -> None:
     """One interval of the rigs ``first`` to ``last`` of those marked in ``which``."""
     sums, peaks, cycles = np.empty(SUMS_SIZE), np.empty((PEAKS, 2)), np.empty((MOST_CYCLES, 3))
     setting, scratch = np.empty(3), make_scratch()
@@ -110,16 +112,16 @@ class Batch:
         announce()
         self.task = task
         self.n = n
-        self.plants = make_plants(n)
-        self.truths = np.zeros((n, TRUTH_SIZE))
-        self.readings = np.zeros((n, SIZE), dtype=np.float32)
-        self.rewards = np.zeros(n)
-        self.windows = np.zeros((n, samples, len(TRACE)))
-        self.terminated = np.zeros(n, dtype=bool)
-        self.weights = task.reward.as_array()
+        self.plants: Plants = make_plants(n)
+        self.truths: np.ndarray = np.zeros((n, TRUTH_SIZE))
+        self.readings: np.ndarray = np.zeros((n, SIZE), dtype=np.float32)
+        self.rewards: np.ndarray = np.zeros(n)
+        self.windows: np.ndarray = np.zeros((n, samples, len(TRACE)))
+        self.terminated: np.ndarray = np.zeros(n, dtype=bool)
+        self.weights: np.ndarray = task.reward.as_array()
         self.hybrid: list[Any] = [None] * n
-        self.threads = min(threads, -(-n // CHUNK))
-        self.hybrid_threads = min(threads, n)
+        self.threads: int = min(threads, -(-n // CHUNK))
+        self.hybrid_threads: int = min(threads, n)
         """Threads for rigs on the hybrid engine, which take so long that each is a task of its own."""
         self._took = np.zeros(n)
         """Seconds that the last interval of each rig on the hybrid engine took: the longest begins, so that threads end

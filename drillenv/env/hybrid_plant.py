@@ -89,7 +89,7 @@ def sprung_energy(m: np.ndarray, d: np.ndarray, w: float) -> float:
 
 
 @njit(**KERNEL)
-def take_setting(m: np.ndarray, row: np.ndarray):
+def take_setting(m: np.ndarray, row: np.ndarray) -> None:
     """Write what a row of ``plants.models`` says of setting and rock into the model."""
     m[V.F_A], m[V.F_B], m[V.OMEGA] = row[0, AMPLITUDE], row[0, STATIC], row[0, ROW_OMEGA]
     m[V.KL], m[V.KU] = row[LOADING, STIFFNESS], row[UNLOADING, STIFFNESS]
@@ -97,7 +97,7 @@ def take_setting(m: np.ndarray, row: np.ndarray):
 
 
 @njit(**KERNEL)
-def put_row(d: np.ndarray, z: np.ndarray, state: np.ndarray):
+def put_row(d: np.ndarray, z: np.ndarray, state: np.ndarray) -> None:
     """Write the motion into the rig's row of ``plants.states``."""
     for i in range(4):
         state[i] = z[i]
@@ -107,7 +107,7 @@ def put_row(d: np.ndarray, z: np.ndarray, state: np.ndarray):
 
 
 @njit(**KERNEL)
-def meet_rock(plants: Plants, i: int, m, d, z, held: float):
+def meet_rock(plants: Plants, i: int, m, d, z, held: float) -> None:
     """Let the rig meet the rock that its memory says, where it has left it or under load: the force goes on."""
     row, state, rig = plants.models[i], plants.states[i], plants.rigs[i]
     layers, memory = plants.layers[i], plants.memories[i]
@@ -129,7 +129,9 @@ def meet_rock(plants: Plants, i: int, m, d, z, held: float):
 
 
 @njit(**KERNEL)
-def read_samples(m, d, scratch, memory, first, spacing, index, samples, now, taken, following, sums, window, column):
+def read_samples(
+    m, d, scratch, memory, first, spacing, index, samples, now, taken, following, sums, window, column
+) -> tuple[int, int]:
     """Read the samples and rows of the window that lie in the step just taken. Returns how many there are by now."""
     while index < samples and first + index * spacing < following:
         shift = min(max(first + index * spacing - now, 0.0), taken)
@@ -255,7 +257,7 @@ class HybridPlant:
         rock = Rock(layer[LAYER_KL], layer[LAYER_KU])
         self.model = model_for(Rig(*plants.rigs[i].tolist()), START, rock, chosen)
         take_setting(self.model.flat, plants.models[i])
-        self.scratch = make_scratch(self.model)
+        self.scratch: np.ndarray = make_scratch(self.model)
 
     @classmethod
     def restored(cls, plants: Plants, i: int, snapshot: HybridSnapshot) -> HybridPlant:
@@ -294,7 +296,7 @@ class HybridPlant:
 
 
 @njit(**KERNEL)
-def prepare_fresh(m, d, z, scratch):
+def prepare_fresh(m, d, z, scratch) -> None:
     """Let a motion begin."""
     set_factor(m, d)
     prepare(m, d, z, YES, scratch)

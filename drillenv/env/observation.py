@@ -84,7 +84,7 @@ assert len(TRUTH) > _COLUMNS.max()
 
 
 @njit(**KERNEL)
-def observe(truth: np.ndarray, noise: np.ndarray, strength: float, observation: np.ndarray):
+def observe(truth: np.ndarray, noise: np.ndarray, strength: float, observation: np.ndarray) -> None:
     """Fill an ``observation`` (SIZE,) float32 from a row of truth.
 
     ``noise`` (SIZE,) are standard normal numbers and ``strength`` scales the table's standard deviations.

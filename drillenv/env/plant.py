@@ -166,7 +166,7 @@ def make_plants(n: int) -> Plants:
 
 
 @njit(**INLINE)
-def set_layer(model: np.ndarray, rig: np.ndarray, layers: np.ndarray, memory: np.ndarray):
+def set_layer(model: np.ndarray, rig: np.ndarray, layers: np.ndarray, memory: np.ndarray) -> None:
     """Write the rock that the next contact meets into the model; the setting has to be written after it."""
     layer = int(memory[LAYER])
     face = int(layers[layer, LAYER_FACE])
@@ -177,14 +177,14 @@ def set_layer(model: np.ndarray, rig: np.ndarray, layers: np.ndarray, memory: np
 
 
 @njit(**INLINE)
-def set_setting(model: np.ndarray, rig: np.ndarray, frequency: float, amplitude: float, pressure: float):
+def set_setting(model: np.ndarray, rig: np.ndarray, frequency: float, amplitude: float, pressure: float) -> None:
     """Write a setting (Hz, V, bar) into the model, by Eq. 3.5 and 3.6."""
     drive = rig[RIG_DRIVE] * (DRIVE_SLOPE * frequency + DRIVE_BASE) * amplitude
     set_drive(TURN * frequency, drive, rig[RIG_PRESSURE] * PUSH * pressure, model)
 
 
 @njit(**KERNEL)
-def place(plants: Plants, i: int, phase: float):
+def place(plants: Plants, i: int, phase: float) -> None:
     """Put rig i at rest on fresh rock, from its rows of rigs, layers and memories; ``phase`` in rad."""
     memory = plants.memories[i]
     set_layer(plants.models[i], plants.rigs[i], plants.layers[i], memory)
@@ -201,7 +201,7 @@ def depth_of_face(model: np.ndarray, state: np.ndarray) -> float:
 
 
 @njit(**INLINE)
-def note_impact(force: float, turns: float, sums: np.ndarray, peaks: np.ndarray):
+def note_impact(force: float, turns: float, sums: np.ndarray, peaks: np.ndarray) -> None:
     """Count an impact of a peak ``force`` in N, ``turns`` excitation periods into the interval, and keep it."""
     sums[S_IMPACTS] += 1.0
     kept = int(sums[S_KEPT])
@@ -232,7 +232,9 @@ def never_left(state: np.ndarray, sums: np.ndarray) -> bool:
 
 
 @njit(**INLINE)
-def change_under_load(model, state, rig, layers, memory, held: float):
+def change_under_load(
+    model: np.ndarray, state: np.ndarray, rig: np.ndarray, layers: np.ndarray, memory: np.ndarray, held: float
+) -> None:
     """What ``leave_rock`` does for an indenter that does not leave it; ``held`` is the pressure in bar."""
     regime = int(state[REGIME])
     before = model[regime, STIFFNESS]
@@ -245,7 +247,16 @@ def change_under_load(model, state, rig, layers, memory, held: float):
 
 
 @njit(**INLINE)
-def sample(model, state, regime: int, scratch: Scratch, theta: float, t: float, index: int, sums: np.ndarray):
+def sample(
+    model: np.ndarray,
+    state: np.ndarray,
+    regime: int,
+    scratch: Scratch,
+    theta: float,
+    t: float,
+    index: int,
+    sums: np.ndarray,
+) -> None:
     """Add one sample of the motion, ``t`` into the regime that began at phase ``theta``, to the sums."""
     if regime == FREE:
         _w, v, a = probe_free(model, scratch.channel, theta, t)
@@ -256,7 +267,7 @@ def sample(model, state, regime: int, scratch: Scratch, theta: float, t: float, 
 
 
 @njit(**INLINE)
-def add_sample(a: float, power: float, index: int, sums: np.ndarray):
+def add_sample(a: float, power: float, index: int, sums: np.ndarray) -> None:
     """Add an acceleration in m/s^2 and the power of the drive in W, sample ``index``, to the sums."""
     sums[S_DRIVE] += power
     turn = 2 * SAMPLES
@@ -269,7 +280,18 @@ def add_sample(a: float, power: float, index: int, sums: np.ndarray):
 
 
 @njit(**INLINE)
-def trace(model, state, memory, regime: int, scratch: Scratch, theta: float, t: float, origin: float, column, place):
+def trace(
+    model: np.ndarray,
+    state: np.ndarray,
+    memory: np.ndarray,
+    regime: int,
+    scratch: Scratch,
+    theta: float,
+    t: float,
+    origin: float,
+    column: np.ndarray,
+    place: np.ndarray,
+) -> None:
     """Write one row of a window, ``t`` into the regime begun at phase ``theta``; ``place`` is room for a state."""
     sine, cosine = sine_cosine(theta + model[0, OMEGA] * t)
     if regime == FREE:
@@ -293,14 +315,22 @@ def trace(model, state, memory, regime: int, scratch: Scratch, theta: float, t: 
 
 
 @njit(**INLINE)
-def held_pressure(start: float, valve: float, lag: float, duration: float):
+def held_pressure(start: float, valve: float, lag: float, duration: float) -> tuple[float, float]:
     """The mean of the pressure over ``duration`` seconds from ``start``, and the pressure at their end."""
     fall = math.exp(-duration / lag)
     return valve + (start - valve) * (1.0 - fall) * lag / duration, valve + (start - valve) * fall
 
 
 @njit(**KERNEL)
-def drill(plants: Plants, i: int, setting, sums, peaks, window, scratch: Scratch):
+def drill(
+    plants: Plants,
+    i: int,
+    setting: np.ndarray,
+    sums: np.ndarray,
+    peaks: np.ndarray,
+    window: np.ndarray,
+    scratch: Scratch,
+) -> None:
     """Run rig i for one interval at a setting (3,) in Hz, V and bar.
 
     Fills ``sums`` (SUMS_SIZE,) and ``peaks`` (PEAKS, 2: turns since the start of the interval, peak force in N), and

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from gymnasium.envs.registration import register, registry
 
 STEPS = {"Drill": 80, "DrillLayers": 240, "DrillHidden": 240}
 """Steps of an episode: 20 s on one rock, 60 s through layers."""
 KINDS = {"Drill": "rock", "DrillLayers": "layers", "DrillHidden": "hidden"}
 IDS = tuple(f"drillenv/{name}-v0" for name in KINDS)
-HOLES = {"DrillBit": {}, "DrillBitShort": {"depth": 1.0, "lost_bit_ends": True}}
+HOLES: dict[str, dict[str, Any]] = {"DrillBit": {}, "DrillBitShort": {"depth": 1.0, "lost_bit_ends": True}}
 """The environments that drill a hole, with their arguments."""
 HOLE_STEPS = {"DrillBit": 600, "DrillBitShort": 150}
 HOLE_IDS = tuple(f"drillenv/{name}-v0" for name in HOLES)

@@ -79,8 +79,10 @@ INK, MUTED = "#e8edf2", "#93a1b0"
 FREE, CONTACT, ABOVE, STRONG_BLOW = "#6db3e8", "#f6b756", "#ff7062", "#4fd0b0"
 STEEL, DARK_STEEL = "#b9c4cf", "#71808f"
 """Colours: no contact, contact, force above the rating, strong P-1-I-1."""
-ROCK_COLOURS = LinearSegmentedColormap.from_list("rock", ["#e9d5a0", "#cd9a62", "#a06a5c", "#6b5d7e", "#4a5678"])
-ROCK_SCALE = LogNorm(4.0, 70.0, clip=True)
+ROCK_COLOURS: LinearSegmentedColormap = LinearSegmentedColormap.from_list(
+    "rock", ["#e9d5a0", "#cd9a62", "#a06a5c", "#6b5d7e", "#4a5678"]
+)
+ROCK_SCALE: LogNorm = LogNorm(4.0, 70.0, clip=True)
 """Loading stiffness in kN/mm, from the softest to the hardest rock of the scenarios."""
 
 TRAIL = 24

@@ -76,8 +76,8 @@ class Task:
         noise: float = 1.0,
     ):
         self.kind = choice("kind", kind, KINDS)
-        self.rock = None if rock is None else _rock(rock)
-        self.corrected = Corrected() if model is None else read_model(_path("model", model))
+        self.rock: tuple[Rock, int] | None = None if rock is None else _rock(rock)
+        self.corrected: Corrected = Corrected() if model is None else read_model(_path("model", model))
         if self.corrected.rock is not None:
             if self.rock is not None:
                 raise InputError("rock and the model both say which rock: leave rock out, or its stiffnesses in model")
@@ -89,13 +89,13 @@ class Task:
             self.scenario = read_scenario(scenario, self.kind)
         moving = self.corrected.on_motion
         self.reward: Reward = read_reward(reward)
-        self.increment = choice("actions", actions, ACTIONS) == "increment"
-        self.window = choice("observations", observations, OBSERVATIONS) == "window"
-        self.noise = number("noise", noise, 0.0, 100.0)
-        self.rig = rig_array(self.corrected.rig)
-        self.effects = {chosen.effect.name: chosen.given for chosen in moving}
+        self.increment: bool = choice("actions", actions, ACTIONS) == "increment"
+        self.window: bool = choice("observations", observations, OBSERVATIONS) == "window"
+        self.noise: float = number("noise", noise, 0.0, 100.0)
+        self.rig: np.ndarray = rig_array(self.corrected.rig)
+        self.effects: dict[str, dict[str, Any]] = {chosen.effect.name: chosen.given for chosen in moving}
 
-    rest = np.array([0.0, 0.0, -1.0], dtype=np.float32)
+    rest: np.ndarray = np.array([0.0, 0.0, -1.0], dtype=np.float32)
     """The action that asks for :data:`drillenv.env.episodes.START`, in absolute terms."""
 
     def batch(self, n: int, threads: int) -> Batch:

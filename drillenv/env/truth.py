@@ -132,7 +132,7 @@ def by_cycle(peaks: np.ndarray, kept: int, cycles: np.ndarray) -> int:
 
 
 @njit(**INLINE)
-def motion_label(cycles: np.ndarray, whole: int, largest: float):
+def motion_label(cycles: np.ndarray, whole: int, largest: float) -> tuple[int, float]:
     """The smallest n <= LONGEST_PERIOD with which the impacts repeat, and the impacts in n periods; 0, 0 for none.
 
     The first and the last period are left out: the interval may have cut them.
@@ -160,7 +160,16 @@ def motion_label(cycles: np.ndarray, whole: int, largest: float):
 
 
 @njit(**KERNEL)
-def summarise(sums, peaks, turns, rating: float, cycles, layers, memory, truth):
+def summarise(
+    sums: np.ndarray,
+    peaks: np.ndarray,
+    turns: float,
+    rating: float,
+    cycles: np.ndarray,
+    layers: np.ndarray,
+    memory: np.ndarray,
+    truth: np.ndarray,
+) -> None:
     """Fill a row of ``truth`` (TRUTH_SIZE,).
 
     Args:

@@ -50,19 +50,19 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         **task: Any,
     ):
-        self.num_envs = count("num_envs", num_envs, 1, 1_000_000)
+        self.num_envs: int = count("num_envs", num_envs, 1, 1_000_000)
         if max_episode_steps is not None:
             max_episode_steps = count("max_episode_steps", max_episode_steps, 1, 2**31)
         if render_mode is not None:
             raise InputError(f"render_mode is {shown(render_mode)}: a batch is not drawn; render one rig of DrillEnv")
         try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
+            self.autoreset_mode: AutoresetMode = AutoresetMode(autoreset_mode)
         except ValueError:
             modes = ", ".join(mode.value for mode in AutoresetMode)
             raise InputError(f"autoreset_mode is {shown(autoreset_mode)}: give one of {modes}") from None
         self.metadata = type(self).metadata | {"autoreset_mode": self.autoreset_mode}
         self.max_episode_steps = max_episode_steps
-        self.task = self._task(task)
+        self.task: Task = self._task(task)
         self.single_action_space = self.task.action_space
         self.single_observation_space = self.task.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)

@@ -29,7 +29,7 @@ from drillenv.recordings.units import CHANNEL_UNITS, unit_of
 MOST_SAMPLES = 5_000_000
 FEWEST_SAMPLES = 60
 """Of a whole curve; each branch has a limit of its own."""
-NAMES = {
+NAMES: dict[str, tuple[str, ...]] = {
     "displacement": ("displacement", "extension", "penetration", "depth", "position"),
     "force": ("force", "load"),
     "time": ("time",),

@@ -56,14 +56,14 @@ class Judge:
 
     def __init__(self, survey: Survey) -> None:
         """Of the candidates of a survey."""
-        self.informations = np.array([each.information for each in survey.candidates])
-        self.powers = np.array([each.power for each in survey.candidates])
-        self.prior = survey.prior
-        self.mechanisms = tuple(dict.fromkeys(each.effect for each in survey.signatures))
-        self.of = np.array([self.mechanisms.index(each.effect) for each in survey.signatures])
-        self.rivals = [rival_of(survey, each) for each in self.mechanisms]
+        self.informations: np.ndarray = np.array([each.information for each in survey.candidates])
+        self.powers: np.ndarray = np.array([each.power for each in survey.candidates])
+        self.prior: Floats = survey.prior
+        self.mechanisms: tuple[str, ...] = tuple(dict.fromkeys(each.effect for each in survey.signatures))
+        self.of: np.ndarray = np.array([self.mechanisms.index(each.effect) for each in survey.signatures])
+        self.rivals: list[Rival] = [rival_of(survey, each) for each in self.mechanisms]
         # one test a family, and about as many families as mechanisms
-        self.chance = 0.5 * float(chi2.isf(FALSE_ALARMS / len(self.mechanisms), COEFFICIENTS))
+        self.chance: float = 0.5 * float(chi2.isf(FALSE_ALARMS / len(self.mechanisms), COEFFICIENTS))
 
     def needed(self, chosen: Sequence[int]) -> float:
         """Log-likelihood that a mechanism has to gain: more than chance, and than sensors resolve."""

@@ -72,6 +72,16 @@ class _Block(NamedTuple):
 class Balance:
     """The balances of one recording, judged block by block."""
 
+    force: Floats
+    acceleration: Floats
+    by_force: Floats
+    by_drive: complex
+    excitation: Floats | None
+    on_tone: Mask
+    first: int
+    last: int
+    blocks: list[slice]
+
     def __init__(
         self,
         recording: Recording,
@@ -85,13 +95,13 @@ class Balance:
         rate = recording.sample_rate
         gains = {name: nominal[name].value or 1.0 for name in ("drive_gain", "pressure_gain")}
         rig = Rig(**gains)
-        self.static_force = rig.static_force(setting)
+        self.static_force: float = rig.static_force(setting)
         self.force, self.acceleration = filled["force"], filled["acceleration"]
-        self.sound = ~(bad["force"] | bad["acceleration"])
+        self.sound: np.ndarray = ~(bad["force"] | bad["acceleration"])
         # The mean force is held by the static one and moves nothing; left in, it would shake the filter at its start.
         self.by_force = acceleration_from(float(self.force.mean()) - self.force, rate, nominal)
         angle = 2 * math.pi * frequency / rate * np.arange(recording.size)
-        self.tone = np.column_stack((np.sin(angle), np.cos(angle), np.ones(angle.size)))
+        self.tone: np.ndarray = np.column_stack((np.sin(angle), np.cos(angle), np.ones(angle.size)))
         self.by_drive = rig.drive_force(setting) * response_at(frequency, nominal)
         self.excitation, self.on_tone = None, ~bad.get("excitation", np.zeros(recording.size, dtype=bool))
         if "excitation" in filled and tone_share(filled["excitation"], rate, frequency) > TONE:

@@ -34,7 +34,7 @@ from drillenv.rig import TOLERANCES, Rig
 from drillenv.rocks import ROCKS, Rock, rock
 
 MOST_QUESTIONS = 2
-NEEDED = {DRILL: ("force", "acceleration"), ONE_BODY: ("position",)}
+NEEDED: dict[str, tuple[str, ...]] = {DRILL: ("force", "acceleration"), ONE_BODY: ("position",)}
 """Channels without which a file is of no use, by rig."""
 RIG_STD, ROCK_STD, BODY_STD = 0.03, 0.05, 0.01
 """Standard deviations, as a share, of a constant that is not the paper's and comes without one."""

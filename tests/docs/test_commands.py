@@ -37,8 +37,11 @@ def test_there_are_commands():
 
 @pytest.mark.parametrize(("page", "line"), OURS)
 def test_the_command_line_takes_it(page, line):
-    given = cli._parser().parse_args(shlex.split(line, comments=True)[1:])
-    assert given.run
+    words = shlex.split(line, comments=True)[1:]
+    try:
+        assert cli._parser().parse_args(words).run
+    except SystemExit as end:  # an option that prints something and ends
+        assert end.code in (0, None) and words[0].startswith("--")
 
 
 @pytest.mark.slow

@@ -107,7 +107,7 @@ AT_ONCE = 1e-15
 
 
 @njit(**INNER)
-def pass_time(m: np.ndarray, d: np.ndarray, s: float):
+def pass_time(m: np.ndarray, d: np.ndarray, s: float) -> None:
     """Let phases and time go on by s."""
     d[TIME] += s
     owed = m[OMEGA] * s + d[THETA_CARRY]
@@ -135,7 +135,7 @@ def to_phase_corner(m: np.ndarray, d: np.ndarray) -> float:
 
 
 @njit(**INNER)
-def pass_phase_corner(m: np.ndarray, d: np.ndarray):
+def pass_phase_corner(m: np.ndarray, d: np.ndarray) -> None:
     """Go into the next part of each waveform that has come to a corner."""
     apart()
     for i in range(int(m[LAWS])):
@@ -156,7 +156,7 @@ def pass_phase_corner(m: np.ndarray, d: np.ndarray):
 
 
 @njit(**INNER)
-def set_cut(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray):
+def set_cut(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray) -> None:
     """Say whether the rock would pull at the state z."""
     d[CUT] = 0.0
     if int(d[REGIME]) != FREE and m[PULLS] > 0.0:
@@ -181,7 +181,7 @@ def prepare(m: np.ndarray, d: np.ndarray, z: np.ndarray, begins: bool, scratch: 
 
 
 @njit(**INNER)
-def enter(m: np.ndarray, d: np.ndarray, z: np.ndarray, after: int, scratch: np.ndarray):
+def enter(m: np.ndarray, d: np.ndarray, z: np.ndarray, after: int, scratch: np.ndarray) -> None:
     """Change the regime of the contact; the slope at the state has to be found anew."""
     apart()
     if int(d[REGIME]) == ON_LOADING and after == ON_UNLOADING:
@@ -198,7 +198,7 @@ def enter(m: np.ndarray, d: np.ndarray, z: np.ndarray, after: int, scratch: np.n
 
 
 @njit(**INNER)
-def let_through(m: np.ndarray, d: np.ndarray, z: np.ndarray, code: int, scratch: np.ndarray):
+def let_through(m: np.ndarray, d: np.ndarray, z: np.ndarray, code: int, scratch: np.ndarray) -> None:
     """Apply the reset map of an event at the state z; ``BEGIN_SLOPE`` is then the slope behind it."""
     apart()
     before, after, mass = int(d[REGIME]), -1, -1
@@ -305,7 +305,7 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
 
 
 @njit(**INNER)
-def ensure_dense_output(m: np.ndarray, scratch: np.ndarray):
+def ensure_dense_output(m: np.ndarray, scratch: np.ndarray) -> None:
     """Prepare what is read off the step just taken, where it has not been."""
     if scratch[FLAGS, READY] == 0.0:
         follow(m, scratch[BEGIN_D], scratch[FLAGS, LENGTH], scratch)
@@ -331,7 +331,7 @@ def read_state(m: np.ndarray, s: float, exact: bool, scratch: np.ndarray) -> flo
 
 
 @njit(**INNER)
-def read_speed(m: np.ndarray, s: float, scratch: np.ndarray):
+def read_speed(m: np.ndarray, s: float, scratch: np.ndarray) -> tuple[float, float]:
     """The indenter's speed a time s into the step just taken and its acceleration, by the step's polynomial alone.
 
     The acceleration is then of an order less, at half the cost of :func:`read_state`.

@@ -225,7 +225,9 @@ def read_guard(m: np.ndarray, d: np.ndarray, code: int, h: float, s: float, scra
 
 
 @njit(**INNER)
-def highest(m: np.ndarray, d: np.ndarray, code: int, h: float, low: float, high: float, least: float, scratch):
+def highest(
+    m: np.ndarray, d: np.ndarray, code: int, h: float, low: float, high: float, least: float, scratch: np.ndarray
+) -> float:
     """Where a guard rises above ``least`` between two times; by the golden section. -1 where it stays below."""
     apart()
     one, two = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
@@ -291,7 +293,9 @@ def tolerated(m: np.ndarray, d: np.ndarray, code: int, scratch: np.ndarray) -> f
 
 
 @njit(**INNER)
-def first_crossing(m: np.ndarray, d: np.ndarray, code: int, h: float, ready: bool, scratch: np.ndarray):
+def first_crossing(
+    m: np.ndarray, d: np.ndarray, code: int, h: float, ready: bool, scratch: np.ndarray
+) -> tuple[float, bool]:
     """When a guard first rises through zero in the trial step of length h, -1 if it does not.
 
     And whether the polynomial inside the step has been prepared.
@@ -363,7 +367,7 @@ def acts(place: int, regime: int) -> bool:
 
 
 @njit(**INNER)
-def find_event(m: np.ndarray, d: np.ndarray, h: float, ready: bool, scratch: np.ndarray):
+def find_event(m: np.ndarray, d: np.ndarray, h: float, ready: bool, scratch: np.ndarray) -> tuple[float, int, bool]:
     """The first event in the trial step of length h: (when, guard), or (h, NOTHING).
 
     And whether the polynomial inside the step has been prepared. The trial step's state is in row ``END``, its slope in
@@ -446,7 +450,7 @@ def standing_switch(d: np.ndarray, z: np.ndarray, dz: np.ndarray) -> int:
 
 
 @njit(**INNER)
-def shift_origin(d: np.ndarray, shift: float):
+def shift_origin(d: np.ndarray, shift: float) -> None:
     """Move the origin; the rounding is carried along (Kahan), so that hours of drift cost no digits."""
     owed = shift + d[CARRY]
     moved = d[ORIGIN] + owed
@@ -455,7 +459,7 @@ def shift_origin(d: np.ndarray, shift: float):
 
 
 @njit(**INNER)
-def stand_on_face(m: np.ndarray, d: np.ndarray, z: np.ndarray):
+def stand_on_face(m: np.ndarray, d: np.ndarray, z: np.ndarray) -> None:
     """Take what is left of the speed into the rock's face out of a state at a turn."""
     if m[GRIP1 + 1] > 0.0 and d[SLIDE2] == 0.0:
         z[UD] = z[V2]
@@ -464,7 +468,7 @@ def stand_on_face(m: np.ndarray, d: np.ndarray, z: np.ndarray):
 
 
 @njit(**INNER)
-def set_factor(m: np.ndarray, d: np.ndarray):
+def set_factor(m: np.ndarray, d: np.ndarray) -> None:
     """The factor on the rock's stiffness that the present contact has by its count and its angle."""
     d[FACTOR] = 1.0 + m[ROTATION_SHARE] * math.cos(d[ROTATION_CONTACT] + m[ROTATION_PHASE])
     for i in range(int(m[LAWS])):
@@ -476,7 +480,7 @@ def set_factor(m: np.ndarray, d: np.ndarray):
 
 
 @njit(**INNER)
-def set_corners(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, contact: bool):
+def set_corners(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, contact: bool) -> None:
     """Count for each law the corners below its argument, or only for those of the contact."""
     apart()
     for i in range(int(m[LAWS])):
@@ -490,7 +494,7 @@ def set_corners(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, con
 
 
 @njit(**INNER)
-def change_contact(m: np.ndarray, d: np.ndarray, after: int, z: np.ndarray):
+def change_contact(m: np.ndarray, d: np.ndarray, after: int, z: np.ndarray) -> None:
     """Put the state, which stands on the guard, into the next regime of the contact."""
     apart()
     before = int(d[REGIME])
@@ -518,7 +522,7 @@ def sign_of(x: float) -> float:
 
 
 @njit(**INNER)
-def settle_grips(m: np.ndarray, d: np.ndarray, z: np.ndarray, stopped: int, scratch: np.ndarray):
+def settle_grips(m: np.ndarray, d: np.ndarray, z: np.ndarray, stopped: int, scratch: np.ndarray) -> None:
     """Decide which way masses at rest slide, or that they stick; ``stopped`` has just stopped or broken away."""
     apart()
     for mass in range(2):
@@ -533,7 +537,7 @@ def settle_grips(m: np.ndarray, d: np.ndarray, z: np.ndarray, stopped: int, scra
 
 
 @njit(**MERGED)
-def start_sliding(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray):
+def start_sliding(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray) -> None:
     """Let each mass slide the way it moves at the start of a run; those at rest stick or are pushed loose."""
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0:
@@ -542,7 +546,9 @@ def start_sliding(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarr
 
 
 @njit(**INNER)
-def highest_force(m: np.ndarray, d: np.ndarray, h: float, s: float, ready: bool, scratch: np.ndarray):
+def highest_force(
+    m: np.ndarray, d: np.ndarray, h: float, s: float, ready: bool, scratch: np.ndarray
+) -> tuple[float, bool]:
     """Largest force of the rock in N inside the first s of the trial step of length h; 0 where it is at an end.
 
     And whether the polynomial inside the step has been prepared. By the Illinois rule on how fast the force rises.

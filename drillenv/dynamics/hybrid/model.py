@@ -271,7 +271,7 @@ def fresh_motion(model: Model, phase: float = 0.0) -> Motion:
 
 
 @njit(cache=True)
-def write_below(m: np.ndarray, d: np.ndarray, law: int):
+def write_below(m: np.ndarray, d: np.ndarray, law: int) -> None:
     """Put a law into its first part between corners."""
     V.set_below(m, d, law, 0)
 

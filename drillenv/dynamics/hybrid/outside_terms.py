@@ -12,9 +12,9 @@ from numba.extending import intrinsic
 
 from drillenv.dynamics.effects import Moment
 
-MOMENT = types.NamedTuple([types.int64 if name == "regime" else types.float64 for name in Moment._fields], Moment)
+MOMENT: Any = types.NamedTuple([types.int64 if name == "regime" else types.float64 for name in Moment._fields], Moment)
 _NUMBERS = types.CPointer(types.float64)
-TERM = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+TERM: Any = types.void(MOMENT, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
 
 
 @functools.cache

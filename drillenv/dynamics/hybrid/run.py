@@ -175,7 +175,16 @@ def depth_of_face(m: np.ndarray, d: np.ndarray, w: float) -> float:
 
 
 @njit(**INNER)
-def write_sample(m: np.ndarray, d, z, dz, rock: float, shift: float, extras: np.ndarray, row: np.ndarray):
+def write_sample(
+    m: np.ndarray,
+    d: np.ndarray,
+    z: np.ndarray,
+    dz: np.ndarray,
+    rock: float,
+    shift: float,
+    extras: np.ndarray,
+    row: np.ndarray,
+) -> None:
     """One row of the samples, of a state ``shift`` s after its discrete state."""
     apart()
     x2 = d[ORIGIN] + (d[CARRY] + (z[W] + z[U]))
@@ -192,7 +201,17 @@ def write_sample(m: np.ndarray, d, z, dz, rock: float, shift: float, extras: np.
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def integrate(
-    exact: bool, model: Model, d, z, begins: bool, seconds: float, rate: float, samples, extras, rtol: float, scratch
+    exact: bool,
+    model: Model,
+    d: np.ndarray,
+    z: np.ndarray,
+    begins: bool,
+    seconds: float,
+    rate: float,
+    samples: np.ndarray,
+    extras: np.ndarray,
+    rtol: float,
+    scratch: np.ndarray,
 ):
     """Run for ``seconds`` from the state (d, z), which is left at the end.
 

@@ -158,7 +158,7 @@ def step_error(m: np.ndarray, h: float, rtol: float, scratch: np.ndarray) -> flo
 
 
 @njit(**INNER)
-def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
+def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray) -> None:
     """Prepare :func:`inside` for the step just taken over ``h``."""
     apart()
     y, count = scratch, int(m[TALLY]) + 4 + int(m[EFFECTS])
@@ -174,7 +174,7 @@ def follow(m: np.ndarray, d: np.ndarray, h: float, scratch: np.ndarray):
 
 
 @njit(**INNER)
-def inside(count: int, share: float, scratch: np.ndarray, row: int):
+def inside(count: int, share: float, scratch: np.ndarray, row: int) -> None:
     """The first ``count`` states at a share of the step that was prepared by :func:`follow`, to a row."""
     for i in range(count):
         scratch[row, i] = inside_one(i, share, scratch)
@@ -191,7 +191,7 @@ def inside_one(i: int, share: float, scratch: np.ndarray) -> float:
 
 
 @njit(**INLINED)
-def inside_with_rate(i: int, share: float, h: float, scratch: np.ndarray):
+def inside_with_rate(i: int, share: float, h: float, scratch: np.ndarray) -> tuple[float, float]:
     """One state and its time derivative at a share of the step over ``h`` that was prepared by :func:`follow`."""
     total, slope, rest = 0.0, 0.0, 1.0 - share
     for power in range(6, -1, -1):

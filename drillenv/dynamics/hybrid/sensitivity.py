@@ -253,7 +253,7 @@ def law_slope(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
 
 
 @njit(**INNER)
-def look_closely(m: np.ndarray, d: np.ndarray, law: int, x: float, at: np.ndarray):
+def look_closely(m: np.ndarray, d: np.ndarray, law: int, x: float, at: np.ndarray) -> tuple[float, float]:
     """Value and slope of a law, and where in its table that is, into row ``law`` of ``at``."""
     apart()
     value, slope = look(m, d, law, x)
@@ -276,7 +276,7 @@ def piece_value(pieces: np.ndarray, row: int, t: float) -> float:
 
 
 @njit(**INNER)
-def linearise_law(m: np.ndarray, d: np.ndarray, regime: int, w: float, at: np.ndarray, lin: np.ndarray):
+def linearise_law(m: np.ndarray, d: np.ndarray, regime: int, w: float, at: np.ndarray, lin: np.ndarray) -> None:
     """The force of the rock law at the depth w and its derivatives: LAW_FORCE to BY_KU."""
     apart()
     for i in range(LAW_FORCE, BY_KU + 1):
@@ -312,7 +312,9 @@ def linearise_law(m: np.ndarray, d: np.ndarray, regime: int, w: float, at: np.nd
 
 
 @njit(**INNER)
-def linearise(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.ndarray, at, lin):
+def linearise(
+    m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.ndarray, at: np.ndarray, lin: np.ndarray
+) -> None:
     """The derivative of the rates by the dynamic states, into j (n, n), and what else forcings need.
 
     Of a rig without terms from outside, ``shift`` s after its discrete state.
@@ -387,7 +389,9 @@ def linearise(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.n
 
 
 @njit(**INNER)
-def linearise_by_differences(m, d, shift, z, j, scratch):
+def linearise_by_differences(
+    m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, j: np.ndarray, scratch: np.ndarray
+) -> None:
     """The Jacobian by central differences, for what a term from outside does."""
     apart()
     n, sizes = int(m[TALLY]), int(m[SIZES_AT])
@@ -410,7 +414,7 @@ def sinusoid(code: int, turn: float, time: float) -> float:
 
 
 @njit(**INNER)
-def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin: np.ndarray, by: np.ndarray):
+def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin: np.ndarray, by: np.ndarray) -> None:
     """By what scalars change the forces: of each that a column may be by, a row of ``by`` (SIZE, FORCINGS).
 
     Forces on both masses in N, the mount's acceleration, the air's rate, and the rock's force, beside which the first
@@ -432,7 +436,9 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
 
 
 @njit(**INNER)
-def by_law(m: np.ndarray, d: np.ndarray, columns, c: int, at: np.ndarray, lin: np.ndarray, own: np.ndarray):
+def by_law(
+    m: np.ndarray, d: np.ndarray, columns: Columns, c: int, at: np.ndarray, lin: np.ndarray, own: np.ndarray
+) -> None:
     """The same for a law, a row of its own (FORCINGS,), which is zero."""
     law = columns.which[c]
     place = law_at(m, law, PLACE)
@@ -456,7 +462,9 @@ def by_law(m: np.ndarray, d: np.ndarray, columns, c: int, at: np.ndarray, lin: n
 
 
 @njit(**INNER)
-def find_forcings(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, columns, work, k: int):
+def find_forcings(
+    m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndarray, columns: Columns, work: Variation, k: int
+) -> None:
     """By what columns change the rates at the state z, of slope dz, at a point of a step; behind :func:`linearise`."""
     apart()
     lin, force, by, time = work.lin[k], work.force[k], work.by, d[TIME] + shift
@@ -490,7 +498,7 @@ def find_forcings(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz:
 
 
 @njit(**INNER)
-def vary_step(m: np.ndarray, s: float, columns, work, scratch: np.ndarray):
+def vary_step(m: np.ndarray, s: float, columns: Columns, work: Variation, scratch: np.ndarray) -> None:
     """Take the columns over the step just taken, of which s is the motion's: ``v`` at the points of it.
 
     The slopes of the step are still in ``scratch``, and the discrete state of its beginning.
@@ -524,7 +532,7 @@ def vary_step(m: np.ndarray, s: float, columns, work, scratch: np.ndarray):
 
 
 @njit(**INNER)
-def inside_step(m: np.ndarray, share: float, scratch: np.ndarray):
+def inside_step(m: np.ndarray, share: float, scratch: np.ndarray) -> None:
     """The state at a share of the step just taken, to row ``SPARE``."""
     moving = int(m[MOVING])
     for i in range(moving):
@@ -542,7 +550,7 @@ def block_of(state: int, n: int) -> int:
 
 
 @njit(**INNER)
-def set_up(s: float, n: int, work):
+def set_up(s: float, n: int, work: Variation) -> None:
     """The equations S_k = S_0 + s sum_l a_kl (J_l S_l + f_l) of a step of length s, for k and l from 1 on."""
     apart()
     v, j, force, system, count = work.v, work.j, work.force, work.system, work.factor.size
@@ -568,14 +576,14 @@ def set_up(s: float, n: int, work):
 
 
 @njit(**INLINED)
-def add(row: np.ndarray, share: float, other: np.ndarray):
+def add(row: np.ndarray, share: float, other: np.ndarray) -> None:
     """Add a share of another row, as long: in vector instructions, since no index can be negative."""
     for c in range(row.size):
         row[c] += share * other[c]
 
 
 @njit(**INNER)
-def solve(size: int, work):
+def solve(size: int, work: Variation) -> None:
     """Solve the equations by Gaussian elimination with partial pivoting; most of their elements are zero."""
     apart()
     system = work.system
@@ -602,7 +610,7 @@ def solve(size: int, work):
 
 
 @njit(**INNER)
-def carry_over(work):
+def carry_over(work: Variation) -> None:
     """Take the columns to the end of the step that :func:`vary_step` has taken."""
     v = work.v
     for a in range(v.shape[1]):
@@ -611,7 +619,9 @@ def carry_over(work):
 
 
 @njit(**INNER)
-def vary_factor(m: np.ndarray, d: np.ndarray, columns, count: int, scale: float, crossed: float, work):
+def vary_factor(
+    m: np.ndarray, d: np.ndarray, columns: Columns, count: int, scale: float, crossed: float, work: Variation
+) -> None:
     """Logarithmic derivatives of the stiffness' factor by the columns, where a contact begins.
 
     ``crossed`` is the speed into the rock, over its size as ``scale`` (0: the moment does not depend on the columns).
@@ -646,7 +656,7 @@ def vary_factor(m: np.ndarray, d: np.ndarray, columns, count: int, scale: float,
 
 
 @njit(**INNER)
-def begin_factor(m: np.ndarray, d: np.ndarray, columns, work):
+def begin_factor(m: np.ndarray, d: np.ndarray, columns: Columns, work: Variation) -> None:
     """The same where a window begins, at a moment that no column moves."""
     for c in range(columns.kind.size):
         work.factor[c] = 0.0
@@ -655,7 +665,7 @@ def begin_factor(m: np.ndarray, d: np.ndarray, columns, work):
 
 
 @njit(**INNER)
-def law_changes(m: np.ndarray, d: np.ndarray, w: float, sign: float, columns, work):
+def law_changes(m: np.ndarray, d: np.ndarray, w: float, sign: float, columns: Columns, work: Variation) -> None:
     """Add to ``change`` by what columns change the force of the rock law at the depth w, times ``sign``."""
     apart()
     lin, at = work.lin[0], work.at
@@ -675,7 +685,18 @@ def law_changes(m: np.ndarray, d: np.ndarray, w: float, sign: float, columns, wo
 
 
 @njit(**INNER)
-def saltate(m, before, z, slope, d, after, grazing: float, columns, work, scratch):
+def saltate(
+    m: np.ndarray,
+    before: np.ndarray,
+    z: np.ndarray,
+    slope: np.ndarray,
+    d: np.ndarray,
+    after: np.ndarray,
+    grazing: float,
+    columns: Columns,
+    work: Variation,
+    scratch: np.ndarray,
+) -> None:
     """Let the columns jump at an event: from the state (before, z), of rates ``slope``, to (d, after).
 
     A contact that is approached at no more than ``grazing`` m/s jumps less: one that is grazed comes a little earlier
@@ -755,7 +776,16 @@ def borrow_variation(work: Variation) -> Variation:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run_varied(model: Model, d, z, seconds: float, rtol: float, columns: Columns, work: Variation, scratch):
+def run_varied(
+    model: Model,
+    d: np.ndarray,
+    z: np.ndarray,
+    seconds: float,
+    rtol: float,
+    columns: Columns,
+    work: Variation,
+    scratch: np.ndarray,
+) -> tuple[int, float]:
     """Run for ``seconds`` from the state (d, z), which is left at the end, with columns beside it.
 
     Args:

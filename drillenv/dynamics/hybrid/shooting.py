@@ -134,7 +134,17 @@ class Shot(NamedTuple):
 
 
 @njit(**INNER)
-def begin_window(m, d, z, windows, window: int, made: float, columns, work, scratch):
+def begin_window(
+    m: np.ndarray,
+    d: np.ndarray,
+    z: np.ndarray,
+    windows: Windows,
+    window: int,
+    made: float,
+    columns: Columns,
+    work: Variation,
+    scratch: np.ndarray,
+) -> None:
     """Put the state at the beginning of a window; ``made`` impacts have been before. Returns nothing."""
     apart()
     for i in range(OWN):
@@ -157,7 +167,9 @@ def begin_window(m, d, z, windows, window: int, made: float, columns, work, scra
 
 
 @njit(**ALLOCATING)
-def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, at, said, scratch):
+def read_signals(
+    m: np.ndarray, s: float, first: int, last: int, begun: float, rate: float, at, said: np.ndarray, scratch: np.ndarray
+) -> None:
     """Write the signals of samples first to last, which lie in the step just taken, of which s is the motion's.
 
     ``begun`` is the time of the step's beginning in samples; ``at`` (at least as many,) is room for their places.
@@ -193,7 +205,18 @@ def read_signals(m, s: float, first: int, last: int, begun: float, rate: float, 
 
 
 @njit(**ALLOCATING)
-def read_slopes(m, s: float, first: int, last: int, begun: float, rate: float, at, columns, work, by_column):
+def read_slopes(
+    m: np.ndarray,
+    s: float,
+    first: int,
+    last: int,
+    begun: float,
+    rate: float,
+    at,
+    columns: Columns,
+    work: Variation,
+    by_column: np.ndarray,
+) -> None:
     """The same of the derivatives by the columns, from the points that they were found at."""
     apart()
     n, v = int(m[MOVING]), work.v
@@ -226,7 +249,16 @@ def read_slopes(m, s: float, first: int, last: int, begun: float, rate: float, a
 
 
 @njit(**INNER)
-def read_path(m, s: float, first: int, last: int, begun: float, windows, path, scratch):
+def read_path(
+    m: np.ndarray,
+    s: float,
+    first: int,
+    last: int,
+    begun: float,
+    windows: Windows,
+    path: np.ndarray,
+    scratch: np.ndarray,
+) -> None:
     """The same of the states that lie at the path's samples."""
     apart()
     d, stride, length = scratch[BEGIN_D], windows.stride, scratch[FLAGS, LENGTH]
@@ -242,7 +274,16 @@ def read_path(m, s: float, first: int, last: int, begun: float, windows, path, s
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shoot(model: Model, d, rtol: float, windows: Windows, columns: Columns, shot: Shot, work: Variation, scratch):
+def shoot(
+    model: Model,
+    d: np.ndarray,
+    rtol: float,
+    windows: Windows,
+    columns: Columns,
+    shot: Shot,
+    work: Variation,
+    scratch: np.ndarray,
+) -> tuple[int, float]:
     """Run every window, with the derivatives asked for.
 
     Args:

@@ -173,7 +173,7 @@ def below_of(d: np.ndarray, law: int) -> int:
 
 
 @njit(**INNER)
-def set_below(m: np.ndarray, d: np.ndarray, law: int, below: int):
+def set_below(m: np.ndarray, d: np.ndarray, law: int, below: int) -> None:
     """Put a law into the part above so many of its corners."""
     at, first, corner = CORNERS + LAW_MEMORY * law, law_at(m, law, FIRST), law_at(m, law, FIRST_CORNER)
     low, high = first, first + law_at(m, law, PIECES)
@@ -211,7 +211,7 @@ def piece_of(m: np.ndarray, d: np.ndarray, law: int, x: float) -> int:
 
 
 @njit(**INNER)
-def look(m: np.ndarray, d: np.ndarray, law: int, x: float):
+def look(m: np.ndarray, d: np.ndarray, law: int, x: float) -> tuple[float, float]:
     """Value and slope of a law at x, in the part between corners that the discrete state says; beyond it straight."""
     apart()
     at = piece_of(m, d, law, x)
@@ -269,7 +269,7 @@ def law_force(m: np.ndarray, d: np.ndarray, regime: int, w: float) -> float:
 
 
 @njit(**INNER)
-def shape_argument(m: np.ndarray, d: np.ndarray, law: int, w: float):
+def shape_argument(m: np.ndarray, d: np.ndarray, law: int, w: float) -> tuple[float, float]:
     """What the shape of a contact is over at the depth w, behind the shapes before it, and its derivative by w."""
     apart()
     place = law_at(m, law, PLACE)
@@ -354,7 +354,9 @@ def argument_size(m: np.ndarray, d: np.ndarray, law: int) -> float:
 
 
 @njit(**INLINED)
-def extra_forces(m, d, regime: int, shift: float, theta: float, law: float, drive: float, z, dz, push):
+def extra_forces(
+    m, d, regime: int, shift: float, theta: float, law: float, drive: float, z, dz, push
+) -> tuple[float, float, float, float]:
     """The rock's force in N, and what acts on shaker, indenter and mount beyond the plain rig; energies to dz."""
     v1, v2, given = z[V1], z[V2], int(m[TALLY]) + BY_EFFECTS
     closing, into = v1 - v2, v2 - z[UD]
@@ -476,7 +478,7 @@ def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
 
 
 @njit(**INLINED)
-def rub(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray):
+def rub(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray) -> None:
     """Add dry friction that grips: full while a mass slides; whatever holds it while it sticks."""
     for mass in range(2):
         limit = m[GRIP1 + mass]

@@ -106,7 +106,7 @@ class Limits(NamedTuple):
 
 
 @njit(**INLINE)
-def meet_rock(plants: Plants, i: int, hole: np.ndarray, layers: np.ndarray, limits: Limits):
+def meet_rock(plants: Plants, i: int, hole: np.ndarray, layers: np.ndarray, limits: Limits) -> None:
     """Write the stiffnesses of the present layer under the present bit into the model; the force goes on."""
     model, state, rig = plants.models[i], plants.states[i], plants.rigs[i]
     layer = int(hole[LAYER])
@@ -123,7 +123,7 @@ def meet_rock(plants: Plants, i: int, hole: np.ndarray, layers: np.ndarray, limi
 
 
 @njit(**INLINE)
-def fit_bit(hole: np.ndarray, price: float, duration: float):
+def fit_bit(hole: np.ndarray, price: float, duration: float) -> None:
     """A sharp bit in the place of the present one, which takes ``duration`` in s; the coil cools meanwhile."""
     hole[BIT] += 1.0
     hole[WEAR], hole[BLOWS], hole[BIT_FROM] = 0.0, 0.0, hole[DEPTH]
@@ -132,14 +132,14 @@ def fit_bit(hole: np.ndarray, price: float, duration: float):
 
 
 @njit(**INLINE)
-def stand(hole: np.ndarray, duration: float):
+def stand(hole: np.ndarray, duration: float) -> None:
     """Let the rig stand for ``duration`` in s."""
     hole[STEP_TIME] += duration
     hole[RISE] = shaker.rise_after(hole[RISE], 0.0, duration)
 
 
 @njit(**INLINE)
-def trip_or_break(hole: np.ndarray, strengths: np.ndarray, costs: np.ndarray):
+def trip_or_break(hole: np.ndarray, strengths: np.ndarray, costs: np.ndarray) -> None:
     """What follows a coil that is too hot, and a bit that breaks."""
     if hole[RISE] > shaker.LIMIT:
         hole[TRIPPED] += 1.0
@@ -201,7 +201,7 @@ def step_holes(
     rewards,
     ended,
     windows,
-):
+) -> None:
     """One step of the rigs ``first`` to ``last`` of those marked in ``which``.
 
     The first step of an episode only sets the rig going: it gives readings, drills nothing and costs nothing.
@@ -248,9 +248,9 @@ class HoleBatch(Batch):
 
     def __init__(self, task: HoleTask, n: int, threads: int):
         super().__init__(task, n, 0, threads)
-        self.readings = np.zeros((n, SIZE), dtype=np.float32)
+        self.readings: np.ndarray = np.zeros((n, SIZE), dtype=np.float32)
         layers = np.zeros((n, MOST_LAYERS, 4))
-        self.holes = Holes(np.zeros((n, HOLE_SIZE)), layers, np.zeros((n, MOST_BITS)))
+        self.holes: Holes = Holes(np.zeros((n, HOLE_SIZE)), layers, np.zeros((n, MOST_BITS)))
         self._rating = task.reward.rating
         self._costs = task.costs.as_array()
         without = task.without

@@ -58,7 +58,7 @@ def stiffening(wear: float) -> float:
 
 
 @njit(**INLINE)
-def wear_of(peaks: np.ndarray, kept: int, single: float, abrasivity: float, rating: float):
+def wear_of(peaks: np.ndarray, kept: int, single: float, abrasivity: float, rating: float) -> tuple[float, float]:
     """What the blows of an interval do to the bit.
 
     Args:

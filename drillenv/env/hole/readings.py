@@ -74,7 +74,7 @@ _MILLION = READINGS[SIZE - 1].scale
 
 
 @njit(**INLINE)
-def observe_hole(hole: np.ndarray, noise: np.ndarray, strength: float, seen: np.ndarray):
+def observe_hole(hole: np.ndarray, noise: np.ndarray, strength: float, seen: np.ndarray) -> None:
     """Fill the last five of the readings ``seen`` (SIZE,) float32 from the state of a hole."""
     hole, noise, seen = borrowed(hole), borrowed(noise), borrowed(seen)
     at = motion.SIZE

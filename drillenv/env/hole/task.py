@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -17,6 +18,9 @@ from drillenv.env.hole.readings import HIGH, LOW
 from drillenv.env.reward import Reward
 from drillenv.env.scenarios import Scenario, read_scenario
 from drillenv.env.task import ACTIONS, Task
+
+if TYPE_CHECKING:
+    from drillenv.env.hole.batch import HoleBatch
 
 TERMS = ("wear", "blunting", "breakage", "heat", "amplifier", "resonance", "abrasivity", "layers")
 """What can be left out: wear of the bit and all that follows from it; that a worn bit is blunt; that it breaks; heat of
@@ -39,7 +43,7 @@ class HoleTask(Task):
         InputError: an argument is none of these, or scenario and depth are both given.
     """
 
-    rest = np.array([0.0, 0.0, -1.0, -1.0], dtype=np.float32)
+    rest: np.ndarray = np.array([0.0, 0.0, -1.0, -1.0], dtype=np.float32)
 
     def __init__(
         self,
@@ -57,17 +61,17 @@ class HoleTask(Task):
             if depth is not None:
                 raise InputError("scenario fixes the depth of its holes: leave depth out with it")
             self.scenario = read_scenario(scenario, self.kind)
-        self.depth = DEPTH if depth is None else number("depth", depth, 0.05, DEEPEST, "m")
+        self.depth: float = DEPTH if depth is None else number("depth", depth, 0.05, DEEPEST, "m")
         self.costs: Costs = read_costs(costs)
         if isinstance(without, str) or not isinstance(without, Sequence):
             raise InputError(f"without is {shown(without)}: give a list of {', '.join(TERMS)}")
-        self.without = frozenset(choice("without", name, TERMS) for name in without)
+        self.without: frozenset[str] = frozenset(choice("without", name, TERMS) for name in without)
         if not isinstance(lost_bit_ends, bool):
             raise InputError(f"lost_bit_ends is {shown(lost_bit_ends)}: give True or False")
         self.lost_bit_ends = lost_bit_ends
-        self.increment = choice("actions", actions, ACTIONS) == "increment"
+        self.increment: bool = choice("actions", actions, ACTIONS) == "increment"
         self.window = False
-        self.noise = number("noise", noise, 0.0, 100.0)
+        self.noise: float = number("noise", noise, 0.0, 100.0)
         self.reward = Reward()
 
     @property
@@ -80,7 +84,7 @@ class HoleTask(Task):
         """The box of the readings."""
         return Box(LOW, HIGH, LOW.shape, np.float32)
 
-    def batch(self, n: int, threads: int):
+    def batch(self, n: int, threads: int) -> HoleBatch:
         """n rigs of this task."""
         from drillenv.env.hole.batch import HoleBatch
 
