@@ -42,6 +42,8 @@ PART = 4
 """Windows of a part of a recording that is drawn for an interval."""
 CORES = 2
 """Recordings that are fitted side by side where nobody says how many."""
+FEW = 4
+"""Recordings, at most, of which none is kept out of the fit: one that alone shows something would else not be fitted."""
 
 
 class Settled(NamedTuple):
@@ -301,9 +303,12 @@ class Startable(Protocol):
 
 
 def held_out(data: Sequence[Startable]) -> set[int]:
-    """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign."""
+    """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign.
+
+    None where there are few: each is then held against a fit to the others.
+    """
     running = [i for i, each in enumerate(data) if not each.fresh]
-    count = len(data) // 4
+    count = len(data) // 4 if len(data) > FEW else 0
     if count == 0 or len(running) < count + 2:
         return set()
     return {running[round((j + 0.5) * len(running) / count - 0.5)] for j in range(count)}

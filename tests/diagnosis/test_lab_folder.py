@@ -102,7 +102,7 @@ def test_recordings_without_any_noise(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_few_recordings_say_what_they_cannot_prove(campaign, count):
     report = diagnose(running(campaign, count))
     assert named(report) == ["contact-rate"]
