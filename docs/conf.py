@@ -6,6 +6,7 @@ import importlib
 import inspect
 import os
 import re
+import shutil
 import sysconfig
 import textwrap
 from importlib.metadata import version as version_of
@@ -54,7 +55,7 @@ extensions = [
     "sphinx_design",
 ]
 source_suffix = {".md": "myst-nb"}
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "play"]
 highlight_language = "text"
 
 html_theme = "furo"
@@ -130,8 +131,15 @@ def drop_magic(app, tree):
             node.replace_self(shown)
 
 
+def add_playground(app, error):
+    """Put the page to play with into the site; it needs nothing of it."""
+    if error is None and app.builder.format == "html":
+        shutil.copytree(ROOT / "docs" / "play", Path(app.outdir) / "play", dirs_exist_ok=True)
+
+
 def setup(app):
     """Connect all of them."""
     app.connect("autodoc-process-docstring", tidy, priority=400)  # before napoleon
     app.connect("source-read", fill)
     app.connect("doctree-read", drop_magic)
+    app.connect("build-finished", add_playground)

@@ -106,6 +106,12 @@ def test_two_doors_on_the_home_page(site):
 
 
 @pytest.mark.slow
+def test_the_page_to_play_with_is_in_it(site):
+    assert 'href="play/index.html"' in (site / "index.html").read_text(encoding="utf-8")
+    assert (site / "play" / "engine.js").exists()
+
+
+@pytest.mark.slow
 def test_each_effect_has_a_section(site):
     page = (site / "physics" / "effects.html").read_text(encoding="utf-8")
     for name, effect in LIBRARY.items():
