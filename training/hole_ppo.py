@@ -1,4 +1,4 @@
-"""PPO of Stable-Baselines3 with its critic on ``DrillBit``, as it is but for scaled readings and outputs.
+"""PPO of Stable-Baselines3 with its critic on ``DrillBit``: from what can be known of a hole to outputs of a policy.
 
     python -m drillenv.training.hole_ppo --out runs/hole-0 --seed 0
     python -m drillenv.training.hole_ppo --out runs/myopic-0 --seed 0 --gamma 0
@@ -16,33 +16,72 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecFrameStack
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from drillenv.controllers.hole.learned import HoleLearned, actions_of, scaled, write_policy
+from drillenv.controllers.hole.belief import SIZE, Belief
+from drillenv.controllers.hole.learned import HoleLearned, actions_of, write_policy
 from drillenv.files import whole
 from drillenv.training.hole_search import costs_per_metre
 from drillenv.training.sb3 import DrillVecEnv
-from drillenv.training.scaling import Prepared
 
 RIGS, STEPS, BATCH, EPOCHS = 64, 128, 2048, 5
-STACK = 3
-"""Observations that the policy sees at once."""
 LAYERS = (64, 64)
 LEARNING_RATE, LEAST = 1e-3, 0.05
 """At the start, and the share of it that is left at the end; it falls in a line."""
 LAMBDA = 0.95
 NOISE = -1.2
 """Logarithm of the standard deviation of the outputs at the start; it is learned."""
-BEGIN = (0.4, 0.0, -0.3, -1.0)
-"""Outputs of the untrained policy: 99 Hz, 0.45 V, careful pressure, and no change of the bit."""
+BEGIN = (0.4, 0.0, -0.3, -0.65)
+"""Outputs of the untrained policy: 99 Hz, 0.45 V, careful pressure, and a new bit every hundredth step."""
 WORTH = 0.05
 """Factor on the rewards, for the critic."""
 EVALUATE = 24
 """Updates between two points of the curve."""
+
+
+class Believing(VecEnvWrapper):
+    """Turns readings into what is known of each hole, and outputs of a policy into actions.
+
+    Args:
+        venv: Holes to drill.
+    """
+
+    def __init__(self, venv: VecEnv):
+        super().__init__(venv, gym.spaces.Box(-np.inf, np.inf, (SIZE,), dtype=np.float32))
+        self.belief = Belief(venv.num_envs)
+
+    def reset(self) -> np.ndarray:
+        """Start a hole with every rig."""
+        self.belief = Belief(self.num_envs)
+        readings = self.venv.reset()
+        assert isinstance(readings, np.ndarray)
+        return self.belief.of(readings)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the outputs of the policy, (n, 4)."""
+        self.venv.step_async(actions_of(actions))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drill for one step."""
+        readings, rewards, dones, infos = self.venv.step_wait()
+        assert isinstance(readings, np.ndarray)
+        over = np.flatnonzero(dones)
+        last = readings.copy()
+        for i in over.tolist():
+            last[i] = infos[i]["terminal_observation"]
+        known = self.belief.of(last)
+        for i in over.tolist():
+            infos[i]["terminal_observation"] = known[i].copy()
+        if over.size:
+            self.belief.forget(over)
+            known[over] = self.belief.of(readings[over], over)
+        return known, rewards * np.float32(WORTH), dones, infos
 
 
 class Curve(BaseCallback):
@@ -66,7 +105,7 @@ class Curve(BaseCallback):
         """Write the policy as it stands, and what it costs on "validation"."""
         gamma = float(self.model.gamma)  # type: ignore[attr-defined]
         provenance = {"algorithm": "ppo", "seed": self.seed, "steps": self.num_timesteps, "gamma": gamma}
-        write_policy(self.out, weights_of(self.model), STACK, provenance)
+        write_policy(self.out, weights_of(self.model), provenance)
         costs = costs_per_metre(HoleLearned(self.out), "validation", 30)
         self.points.append([self.num_timesteps, float(costs.mean())])
         with whole(self.out / "curve.json") as part:
@@ -91,7 +130,7 @@ def train(out: Path, steps: int, seed: int, gamma: float, threads: int | None) -
     rigs = DrillVecEnv("drillenv/DrillBit-v0", RIGS, threads=threads)
     model = PPO(
         "MlpPolicy",
-        VecFrameStack(Prepared(rigs, scaled, actions_of, WORTH), STACK),
+        Believing(rigs),
         gamma=gamma,
         gae_lambda=LAMBDA,
         n_steps=STEPS,

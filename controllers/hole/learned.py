@@ -1,9 +1,9 @@
 """A policy that was trained on ``DrillBit``, run with numpy alone.
 
 Two files in a folder, read without running anything that is in them: ``policy.safetensors`` has the weights, float32,
-of a multilayer perceptron, ``policy.json`` what they are weights of. The last ``stack`` observations, each scaled by
-:data:`CENTRE` and :data:`WIDTH`, give four numbers: frequency, amplitude, pressure over amplitude, and whether to
-change the bit, see :func:`actions_of`.
+of a multilayer perceptron, ``policy.json`` what they are weights of. What is known of the hole
+(:class:`~drillenv.controllers.hole.belief.Belief`) gives four numbers: frequency, amplitude, pressure over amplitude,
+and whether to change the bit, see :func:`actions_of`.
 """
 
 from __future__ import annotations
@@ -16,47 +16,17 @@ import numpy as np
 from safetensors.numpy import load, save
 
 from drillenv.checks import InputError, shown
-from drillenv.env.hole.readings import READINGS
+from drillenv.controllers.hole.belief import SIZE, Belief
 from drillenv.env.task import RANGES
 from drillenv.files import whole
 
-FORMAT = "drillenv-hole-policy/1"
+FORMAT = "drillenv-hole-policy/2"
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
 LARGEST = 16_000_000
 """Bytes of the weights."""
-SCALES = {
-    "mean_peak_force": (1.0, 2.0),
-    "largest_peak_force": (1.0, 2.0),
-    "peak_force_spread": (0.1, 0.5),
-    "impacts_per_cycle": (1.0, 3.0),
-    "period_two": (0.05, 0.3),
-    "contact_share": (0.2, 0.3),
-    "half_harmonic": (2.0, 10.0),
-    "first_harmonic": (5.0, 10.0),
-    "second_harmonic": (3.0, 10.0),
-    "third_harmonic": (2.0, 10.0),
-    "penetration_rate": (1.0, 3.0),
-    "frequency": (90.0, 30.0),
-    "amplitude": (0.42, 0.15),
-    "valve_pressure": (0.9, 0.6),
-    "pressure": (0.9, 0.6),
-    "coil_rise": (60.0, 50.0),
-    "hole_depth": (2.0, 2.0),
-    "depth_left": (2.0, 2.0),
-    "bit_depth": (0.7, 1.0),
-    "bit_blows": (0.15, 0.2),
-}
-"""Centre and width of each reading in its unit: about the middle and the spread of what is met."""
-CENTRE = np.array([SCALES[reading.name][0] for reading in READINGS], dtype=np.float32)
-WIDTH = np.array([SCALES[reading.name][1] for reading in READINGS], dtype=np.float32)
 RATIO, HALF_RATIO, SLOPE = 2.0, 1.2, 1.5
 """Pressure over amplitude at 120 Hz in bar/V that an output of 0 stands for, what an output of 1 adds, and the power of
 the frequency with which both fall below: the boundary of P-1-I-1 goes so."""
-
-
-def scaled(observations: np.ndarray) -> np.ndarray:
-    """Observations (..., 20) as float32 numbers of the order of 1."""
-    return (observations - CENTRE) / WIDTH
 
 
 def actions_of(outputs: np.ndarray) -> np.ndarray:
@@ -83,33 +53,31 @@ class HoleLearned:
 
     def __init__(self, policy: str | Path):
         record, self._weights = read_policy(policy)
-        self._stack = int(record["stack"])
         self._layers = int(record["layers"])
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the hole so far."""
-        self._seen: np.ndarray | None = None
+        self._belief: Belief | None = None
 
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
         """The mean action, (4,) or (n, 4) as the observation is (20,) or (n, 20)."""
-        now = scaled(np.atleast_2d(observation))
-        if self._seen is None:
-            self._seen = np.zeros((len(now), self._stack, CENTRE.size), dtype=np.float32)
-        self._seen = np.concatenate([self._seen[:, 1:], now[:, None]], axis=1)
-        values = self._seen.reshape(len(now), -1)
+        readings = np.atleast_2d(observation)
+        if self._belief is None:
+            self._belief = Belief(len(readings))
+        values = self._belief.of(readings)
         for i in range(self._layers):
             values = np.tanh(values @ self._weights[f"layer{i}.weight"].T + self._weights[f"layer{i}.bias"])
         actions = actions_of(values @ self._weights["action.weight"].T + self._weights["action.bias"])
         return actions[0] if observation.ndim == 1 else actions
 
 
-def write_policy(folder: str | Path, weights: dict[str, np.ndarray], stack: int, provenance: dict[str, Any]) -> None:
+def write_policy(folder: str | Path, weights: dict[str, np.ndarray], provenance: dict[str, Any]) -> None:
     """Write a policy: weights by name ("layer0.weight" ... "action.bias"), as Linear of torch has them."""
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     layers = sum(name.startswith("layer") and name.endswith("weight") for name in weights)
-    record = {"format": FORMAT, "stack": stack, "layers": layers, "provenance": provenance}
+    record = {"format": FORMAT, "layers": layers, "provenance": provenance}
     with whole(place / WEIGHTS) as part:
         part.write_bytes(save({name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}))
     with whole(place / DESCRIPTION) as part:
@@ -135,7 +103,7 @@ def read_policy(folder: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarra
         raise InputError(f"policy {shown(str(folder))} cannot be read ({why}): give a folder with a policy") from None
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         raise InputError(f"policy {shown(str(folder))} is not of the format {FORMAT}: give one that is")
-    inputs, layers = CENTRE.size * int(record.get("stack", 0)), int(record.get("layers", -1))
+    inputs, layers = SIZE, int(record.get("layers", -1))
     for i in range(layers):
         shape = weights[f"layer{i}.weight"].shape if f"layer{i}.weight" in weights else ()
         bias = weights.get(f"layer{i}.bias", np.empty(0))

@@ -138,9 +138,7 @@ class HoleRules:
         self._wear[fresh], self._best[fresh] = 0.0, 0.0
         blows = np.where(fresh, 0.0, seen[:, _AT["bit_blows"]] * 1e6 - self._blows)
         self._blows = seen[:, _AT["bit_blows"]] * 1e6
-        u = seen[:, _AT["mean_peak_force"]] / RATING
-        heat = blows / STEP * u * u / EDGE_POWER
-        self._wear += blows * (0.5 * (1.0 + u) * (1.0 + heat * heat) + FATIGUE * u**FATIGUE_EXPONENT) / LIFE
+        self._wear += reckoned_wear(blows, seen[:, _AT["mean_peak_force"]])
         rate = seen[:, _AT["frequency"]] * np.maximum(seen[:, _AT["largest_peak_force"]], 0.05)
         per_blow = seen[:, _AT["penetration_rate"]] / rate
         self._best = np.maximum(self._best, per_blow)
@@ -177,6 +175,13 @@ class HoleFixed:
         change = observation[..., _AT["bit_depth"]] > self._bit_depth
         action[..., 3] = np.where(change, 1.0, -1.0)
         return action
+
+
+def reckoned_wear(blows: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Wear of a bit by so many blows of a force in kN in a step, as on rock of middling abrasivity."""
+    u = force / RATING
+    heat = blows / STEP * u * u / EDGE_POWER
+    return blows * (0.5 * (1.0 + u) * (1.0 + heat * heat) + FATIGUE * u**FATIGUE_EXPONENT) / LIFE
 
 
 def _rise_at_1_volt(frequency: np.ndarray) -> np.ndarray:

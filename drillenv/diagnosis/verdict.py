@@ -43,7 +43,7 @@ PART = 4
 CORES = 2
 """Recordings that are fitted side by side where nobody says how many."""
 FEW = 4
-"""Recordings, at most, of which none is kept out of the fit: one that alone shows something would else not be fitted."""
+"""Recordings, at most, of which none is kept out of the fit: what one alone shows would else not be fitted."""
 
 
 class Settled(NamedTuple):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from drillenv.checks import InputError
-from drillenv.controllers.hole.learned import CENTRE, WIDTH, HoleLearned, actions_of, read_policy, write_policy
+from drillenv.controllers.hole.belief import SIZE, Belief
+from drillenv.controllers.hole.learned import HoleLearned, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.planning import BITS, drilled, physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
@@ -167,15 +168,15 @@ def test_rules_forget_a_hole():
     assert drill(rules, 0) == first
 
 
-def policy(folder, stack=2, **changes):
+def policy(folder, **changes):
     rng = np.random.default_rng(0)
     weights = {
-        "layer0.weight": rng.standard_normal((8, 20 * stack)),
+        "layer0.weight": rng.standard_normal((8, SIZE)),
         "layer0.bias": rng.standard_normal(8),
         "action.weight": rng.standard_normal((4, 8)),
         "action.bias": rng.standard_normal(4),
     } | changes
-    write_policy(folder, {name: value for name, value in weights.items() if value is not None}, stack, {"seed": 0})
+    write_policy(folder, {name: value for name, value in weights.items() if value is not None}, {"seed": 0})
     return folder
 
 
@@ -184,10 +185,11 @@ def test_a_policy_acts_as_its_network(tmp_path):
     _, weights = read_policy(tmp_path / "p")
     observations = np.random.default_rng(1).uniform(0, 3, (3, 20)).astype(np.float32)
     learned.reset()
+    belief = Belief(1)
     for k in range(3):
         action = learned.act(observations[k], {})
-    seen = ((observations[1:] - CENTRE) / WIDTH).ravel()
-    hidden = np.tanh(weights["layer0.weight"] @ seen + weights["layer0.bias"])
+        known = belief.of(observations[k : k + 1])[0]
+    hidden = np.tanh(weights["layer0.weight"] @ known + weights["layer0.bias"])
     expected = actions_of(weights["action.weight"] @ hidden + weights["action.bias"])
     assert action == pytest.approx(expected, abs=1e-5)
 

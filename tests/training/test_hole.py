@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from drillenv.controllers.hole.learned import HoleLearned, actions_of, scaled
+from drillenv.controllers.hole.belief import CENTRE, Belief
+from drillenv.controllers.hole.learned import HoleLearned, actions_of
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.training import hole_headroom, hole_ppo, hole_search
 from drillenv.training.sb3 import DrillVecEnv
-from drillenv.training.scaling import Prepared
 
 
 @pytest.mark.parametrize("make", [HoleFixed, HoleRules])
@@ -49,21 +49,35 @@ def test_ppo_writes_what_it_plays(tmp_path, capsys):
 
 def test_an_untrained_policy_on_numpy_is_the_one_of_the_library(tmp_path):
     from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecFrameStack
 
-    rigs = VecFrameStack(Prepared(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1), scaled, actions_of, 1.0), 3)
+    rigs = hole_ppo.Believing(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1))
     model = PPO("MlpPolicy", rigs, policy_kwargs={"net_arch": [16, 8]}, seed=0, device="cpu")
-    hole_ppo.write_policy(tmp_path / "p", hole_ppo.weights_of(model), 3, {})
+    hole_ppo.write_policy(tmp_path / "p", hole_ppo.weights_of(model), {})
     learned = HoleLearned(tmp_path / "p")
     seen = rigs.reset()
     rng = np.random.default_rng(0)
-    raw = np.empty((2, 20), dtype=np.float32)
     for _ in range(5):
-        raw = rigs.venv.venv.rigs._observations.copy()  # type: ignore[union-attr]
+        raw = rigs.venv.rigs._observations.copy()  # type: ignore[union-attr]
         with torch.no_grad():
             outputs = model.predict(seen, deterministic=True)[0]
         assert learned.act(raw, {}) == pytest.approx(actions_of(outputs), abs=1e-5)
         seen = rigs.step(rng.uniform(-1, 1, (2, 4)))[0]
+
+
+def test_a_hole_that_is_over_is_forgotten_and_its_end_kept():
+    rigs = hole_ppo.Believing(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1, max_episode_steps=3))
+    rigs.reset()
+    action = np.array([hole_ppo.BEGIN, hole_ppo.BEGIN])
+    for _ in range(2):
+        known, _, dones, infos = rigs.step(action)
+        assert not dones.any()
+    known, _, dones, infos = rigs.step(action)
+    assert dones.all()
+    raw = rigs.venv.rigs._observations  # type: ignore[union-attr]
+    assert known == pytest.approx(Belief(2).of(raw))
+    last = np.stack([each["terminal_observation"] for each in infos])
+    wear = CENTRE.size
+    assert (last[:, wear] > 0.0).all() and (known[:, wear] == 0.0).all()
 
 
 def test_the_table_of_a_record():
