@@ -4,9 +4,11 @@
 
 Each campaign is one of the concealed rig of the blind trial, recorded under its conditions, with nothing missing or
 with one mechanism of the library at full strength. One to three of the faults below are put into it, it is written
-to a folder, and ``drillenv diagnose`` is run on that folder as a lab would run it. A row counts as well done if the
-verdict is that of the campaign without the faults, or if the fault is one that only the lab can mend and the program
-says so in one line and gives no verdict. Rows are written as they come; a run that was stopped goes on.
+to a folder, and ``drillenv diagnose`` is run on that folder as a lab would run it. A row is right if the verdict is
+and what was concealed is named, alone. It is refused if the program says in one line why it gives no verdict, where
+the fault is one that only the lab can mend. Where it is neither, the same campaign is diagnosed without its faults, to
+tell what they spoil ("spoilt") from what a diagnosis misses anyway ("missed"). Rows are written as they come; a run
+that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -186,9 +188,9 @@ def clipped(campaign: Campaign, rng: np.random.Generator) -> Campaign:
 def not_running(campaign: Campaign, rng: np.random.Generator) -> Campaign:
     """One recording begun with the shaker off."""
     i = one_of(campaign, rng, "running")
-    still = {"excitation": (0.0, 2e-3), "force": (0.0, 5.0), "acceleration": (0.0, 2.0)}
+    still = {"excitation": 2e-3, "force": 5.0, "acceleration": 2.0}
     recording = in_channels(
-        campaign.recordings[i], lambda name, x: still[name][0] + still[name][1] * rng.standard_normal(x.size)
+        campaign.recordings[i], lambda name, x: still[name] * rng.standard_normal(x.size) if name in still else x
     )
     return with_recording(campaign, i, recording)
 
@@ -277,6 +279,8 @@ class Drawn:
     mechanisms: tuple[str, ...]
     faults: tuple[str, ...]
     campaign: Campaign
+    sound: Campaign
+    """Without the faults."""
 
 
 def draw(seed: int, index: int, cards: Sequence[tuple[str, int]]) -> Drawn:
@@ -295,12 +299,11 @@ def draw(seed: int, index: int, cards: Sequence[tuple[str, int]]) -> Drawn:
     for name in chosen:
         campaign = FAULTS[name].change(campaign, rng)
     mechanisms = tuple(str(each["mechanism"]) for each in made.answer["mechanisms"])
-    return Drawn(mechanisms, tuple(chosen), campaign)
+    return Drawn(mechanisms, tuple(chosen), campaign, made.campaign)
 
 
-def write(drawn: Drawn, folder: Path, rng: np.random.Generator) -> str:
+def write(campaign: Campaign, folder: Path, rng: np.random.Generator) -> str:
     """Write the folder; says in which format."""
-    campaign = drawn.campaign
     file_format = str(rng.choice(["csv", "csv", *FILE_FORMATS]))
     write_campaign(folder, campaign.title, campaign.rig, campaign.nominal, campaign.recordings, file_format)
     return as_written_by_labs(folder, rng) if file_format == "csv" else file_format
@@ -327,7 +330,7 @@ def run(folder: Path, out: Path) -> dict[str, Any]:
 
 
 def judged(drawn: Drawn, ran: dict[str, Any]) -> str:
-    """In a word: right, refused, wrong, or traceback."""
+    """In a word: right, refused, wrong, traceback, or too long."""
     if "Traceback" in ran["said"] or ran["code"] == -1:
         return "traceback" if ran["code"] != -1 else "too long"
     report = ran["report"]
@@ -348,15 +351,19 @@ def row_of(seed: int, index: int, cards: Sequence[tuple[str, int]], out: Path) -
     drawn = draw(seed, index, cards)
     folder = out / f"{index:03d}"
     folder.mkdir(parents=True, exist_ok=True)
-    written = write(drawn, folder / "campaign", np.random.default_rng((seed, 3, index)))
+    written = write(drawn.campaign, folder / "campaign", np.random.default_rng((seed, 3, index)))
     ran = run(folder / "campaign", folder / "report")
+    word = judged(drawn, ran)
+    if word == "wrong":
+        write(drawn.sound, folder / "sound", np.random.default_rng((seed, 3, index)))
+        word = "spoilt" if judged(drawn, run(folder / "sound", folder / "report-sound")) == "right" else "missed"
     report = ran.pop("report") or {}
     return {
         "index": index,
         "mechanisms": drawn.mechanisms,
         "faults": drawn.faults,
         "files": written,
-        "judged": judged(drawn, {**ran, "report": report or None}),
+        "judged": word,
         "verdict": report.get("verdict"),
         "findings": [each["mechanism"] for each in report.get("findings", [])],
         "bookkeeping": report.get("bookkeeping"),

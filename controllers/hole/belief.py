@@ -39,6 +39,8 @@ CENTRE = np.array([SCALES[reading.name][0] for reading in READINGS], dtype=np.fl
 WIDTH = np.array([SCALES[reading.name][1] for reading in READINGS], dtype=np.float32)
 _AT = {reading.name: j for j, reading in enumerate(READINGS)}
 
+WEAR = CENTRE.size
+"""Where the reckoned wear of the bit stands in a belief."""
 NEW = 6
 """Steps over which a bit is new."""
 QUICK, SLOW = 4.0, 24.0
@@ -47,7 +49,7 @@ BANDS = np.linspace(72.5, 117.5, 10)
 """Middles of the bands of frequencies in Hz, 5 Hz wide but for the first and the last, for which the force is kept."""
 SIGNS = 2
 """Progress per blow and time of contact: what shows how blunt a bit is."""
-SIZE = CENTRE.size + 1 + 4 * SIGNS + 2 * BANDS.size + 3
+SIZE = WEAR + 1 + 4 * SIGNS + 2 * BANDS.size + 3
 """Numbers of a belief."""
 USUAL = np.array([-4.5, -6.2])
 """Logarithms of progress per blow in mm/s per Hz and kN, and of the time of contact in s, that are usual."""

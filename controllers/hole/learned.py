@@ -16,7 +16,7 @@ import numpy as np
 from safetensors.numpy import load, save
 
 from drillenv.checks import InputError, shown
-from drillenv.controllers.hole.belief import SIZE, Belief
+from drillenv.controllers.hole.belief import SIZE, WEAR, Belief
 from drillenv.env.task import RANGES
 from drillenv.files import whole
 
@@ -27,16 +27,23 @@ LARGEST = 16_000_000
 RATIO, HALF_RATIO, SLOPE = 2.0, 1.2, 1.5
 """Pressure over amplitude at 120 Hz in bar/V that an output of 0 stands for, what an output of 1 adds, and the power of
 the frequency with which both fall below: the boundary of P-1-I-1 goes so."""
+CHANGE_AT, SOONER = 0.8, 0.7
+"""Reckoned wear at which an output of 0 changes the bit, and by how much less an output of 1 does."""
 
 
-def actions_of(outputs: np.ndarray) -> np.ndarray:
-    """Actions (..., 4) float32 for what a policy gives, (..., 4)."""
+def actions_of(outputs: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Actions (..., 4) float32 for what a policy gives, (..., 4), where so much is known of the hole, (..., SIZE).
+
+    Outputs say at which frequency, amplitude and ratio to drill, and by how much sooner or later than at the reckoned
+    wear :data:`CHANGE_AT` to change the bit.
+    """
     held = np.clip(outputs.astype(float), -1.0, 1.0)
     middle, half = RANGES.mean(axis=1), 0.5 * (RANGES[:, 1] - RANGES[:, 0])
     frequency, amplitude = middle[0] + half[0] * held[..., 0], middle[1] + half[1] * held[..., 1]
     ratio = (RATIO + HALF_RATIO * held[..., 2]) * (frequency / RANGES[0, 1]) ** SLOPE
     pressure = np.clip((ratio * amplitude - middle[2]) / half[2], -1.0, 1.0)
-    return np.stack([held[..., 0], held[..., 1], pressure, np.sign(held[..., 3])], axis=-1).astype(np.float32)
+    change = np.sign(known[..., WEAR] - CHANGE_AT + SOONER * held[..., 3])
+    return np.stack([held[..., 0], held[..., 1], pressure, change], axis=-1).astype(np.float32)
 
 
 class HoleLearned:
@@ -65,10 +72,11 @@ class HoleLearned:
         readings = np.atleast_2d(observation)
         if self._belief is None:
             self._belief = Belief(len(readings))
-        values = self._belief.of(readings)
+        hidden = known = self._belief.of(readings)
         for i in range(self._layers):
-            values = np.tanh(values @ self._weights[f"layer{i}.weight"].T + self._weights[f"layer{i}.bias"])
-        actions = actions_of(values @ self._weights["action.weight"].T + self._weights["action.bias"])
+            hidden = np.tanh(hidden @ self._weights[f"layer{i}.weight"].T + self._weights[f"layer{i}.bias"])
+        outputs = hidden @ self._weights["action.weight"].T + self._weights["action.bias"]
+        actions = actions_of(outputs, known)
         return actions[0] if observation.ndim == 1 else actions
 
 
