@@ -40,9 +40,9 @@ NOISE = -1.2
 BEGIN = (0.4, 0.0, -0.3, 0.0)
 """Outputs of the untrained policy: 99 Hz, 0.45 V, careful pressure, and a new bit at the wear that is usual."""
 METRE = 120.0
-"""EUR that a metre is worth in training: about what it costs. The best way to drill to a given depth is the same for any
-price, but a discount makes what is still to be earned the dearer to wait for the higher the price: at 600 EUR a step
-with gamma 0.995 costs ten times what the rig does, and no bit is ever changed."""
+"""EUR that a metre is worth in training: about what it costs. The best way to a given depth is the same at any price,
+but a discount makes waiting the dearer the more is still to be earned: at 600 EUR and gamma 0.995 a step costs ten
+times what the rig does, and no bit is ever changed."""
 WORTH = 0.05
 """Factor on the rewards, for the critic."""
 EVALUATE = 24

@@ -21,6 +21,7 @@ from drillenv.diagnosis.verdict import CORES, diagnose_drill, nominal_rig
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
+from drillenv.recordings.findings import NOTE, QualityFinding
 from drillenv.recordings.sound_parts import sound_parts
 
 
@@ -106,8 +107,7 @@ def diagnose(
         return Report(campaign.title, bounded({**origin, **body.record}, only, ""), body.model, body.waves)
     campaign, left_out = sound_parts(campaign, faults)
     if not campaign.recordings:
-        reasons = "; ".join(str(each) for each in faults[:3])
-        raise InputError(f"no recording can be used: give one that is sound ({reasons})")
+        raise InputError(f"no recording can be used: give one that is sound ({reasons(faults)})")
     campaign, shortened = excerpts(campaign)
     campaign, unusable = without_unusable(campaign, nominal_rig(campaign))
     outcome = diagnose_drill(campaign, note, jobs, scope, interruptible)
@@ -115,6 +115,13 @@ def diagnose(
     record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened, *unusable])
     record = bounded({**origin, **record}, only, outcome.stopped)
     return Report(campaign.title, record, model_record(model), waves(outcome))
+
+
+def reasons(faults: Sequence[QualityFinding]) -> str:
+    """Why recordings cannot be used: the first fault of each kind, at most three kinds."""
+    kinds = {(each.channel, each.kind): each for each in reversed(faults) if each.severity != NOTE}
+    first = [each for each in faults if kinds.get((each.channel, each.kind)) is each]
+    return "; ".join(str(each) for each in first[:3])
 
 
 def without_recordings(campaign: Campaign, names: Sequence[str]) -> Campaign:

@@ -12,6 +12,7 @@ from drillenv.diagnosis.report import diagnose
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel
 from drillenv.recordings import Channel, read_campaign
+from drillenv.recordings.findings import NOTE, QualityFinding
 from drillenv.recordings.made import make_campaign
 from drillenv.rocks import rock
 
@@ -132,8 +133,11 @@ def test_where_nothing_can_be_used_the_faults_are_said(campaign):
     dead = campaign
     for each in campaign.recordings:
         dead = changed(dead, each.name, lambda name, x: 0.0 * x if name == "force" else x)
-    with pytest.raises(InputError, match=r"no recording can be used.*force"):
-        diagnose(dead)
+    noted = QualityFinding("r01", None, "reading", 0.0, 0.3, "its text was read as UTF-16", NOTE)
+    first = replace(dead.recordings[0], findings=(noted,))
+    with pytest.raises(InputError, match=r"no recording can be used.*\(r01, force[^;]*never moves") as caught:
+        diagnose(replace(dead, recordings=(first, *dead.recordings[1:])))
+    assert "UTF-16" not in str(caught.value) and str(caught.value).count("never moves") == 1
 
 
 @pytest.mark.slow
