@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drillenv.checks import InputError
-from drillenv.controllers.hole.belief import SIZE, Belief
+from drillenv.controllers.hole.belief import SIZE, WEAR, Belief
 from drillenv.controllers.hole.learned import HoleLearned, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.planning import BITS, drilled, physics_of, settings_grid, solve
@@ -190,16 +190,25 @@ def test_a_policy_acts_as_its_network(tmp_path):
         action = learned.act(observations[k], {})
         known = belief.of(observations[k : k + 1])[0]
     hidden = np.tanh(weights["layer0.weight"] @ known + weights["layer0.bias"])
-    expected = actions_of(weights["action.weight"] @ hidden + weights["action.bias"])
+    expected = actions_of(weights["action.weight"] @ hidden + weights["action.bias"], known)
     assert action == pytest.approx(expected, abs=1e-5)
 
 
 def test_outputs_are_the_settings_that_they_say():
-    action = actions_of(np.array([0.0, 0.0, 0.0, 0.3]))
+    known = np.zeros(SIZE)
+    action = actions_of(np.array([0.0, 0.0, 0.0, 0.3]), known)
     frequency, amplitude = 85.0, 0.45
     pressure = 2.0 * (85 / 120) ** 1.5 * amplitude
     assert action[:3] == pytest.approx(action_for(frequency, amplitude, pressure), abs=1e-6)
-    assert action[3] == 1.0 and actions_of(np.array([0.0, 0.0, 0.0, -0.3]))[3] == -1.0
+
+
+@pytest.mark.parametrize(
+    ("wear", "sooner", "change"), [(0.79, 0.0, -1), (0.81, 0.0, 1), (0.2, 1.0, 1), (1.4, -1.0, -1)]
+)
+def test_a_bit_is_changed_about_a_reckoned_wear(wear, sooner, change):
+    known = np.zeros(SIZE)
+    known[WEAR] = wear
+    assert actions_of(np.array([0.0, 0.0, 0.0, sooner]), known)[3] == change
 
 
 @pytest.mark.parametrize("harm", ["none", "cut", "shape", "missing", "format", "text"])

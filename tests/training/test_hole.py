@@ -60,7 +60,7 @@ def test_an_untrained_policy_on_numpy_is_the_one_of_the_library(tmp_path):
         raw = rigs.venv.rigs._observations.copy()  # type: ignore[union-attr]
         with torch.no_grad():
             outputs = model.predict(seen, deterministic=True)[0]
-        assert learned.act(raw, {}) == pytest.approx(actions_of(outputs), abs=1e-5)
+        assert learned.act(raw, {}) == pytest.approx(actions_of(outputs, seen), abs=1e-5)
         seen = rigs.step(rng.uniform(-1, 1, (2, 4)))[0]
 
 
