@@ -88,12 +88,10 @@ def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callabl
     }
     for control, name in enumerate(PINNED):
         rows[f"oracle, {name} pinned"] = lambda control=control: [HoleOracle(settings=best_pin(control))]
-    if policies:
-        rows[f"ppo, {len(policies)} seed{'s' if len(policies) > 1 else ''}"] = lambda: [
-            HoleLearned(each) for each in policies
-        ]
-    if myopic:
-        rows["ppo, gamma 0"] = lambda: [HoleLearned(each) for each in myopic]
+    for name, folders in (("ppo", policies), ("ppo, gamma 0", myopic)):
+        if folders:
+            many = f"{len(folders)} seed{'s' if len(folders) > 1 else ''}"
+            rows[f"{name}, {many}"] = lambda folders=folders: [HoleLearned(each) for each in folders]
     return rows
 
 
