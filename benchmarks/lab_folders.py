@@ -148,34 +148,38 @@ def dead_band(campaign: Campaign, rng: np.random.Generator) -> Campaign:
     return everywhere(campaign, lambda name, x: np.where(abs(x) < band, 0.0, x) if name == "force" else x)
 
 
-def missing_numbers(campaign: Campaign, rng: np.random.Generator) -> Campaign:
-    """Ten samples of one channel of one recording are no numbers."""
+def in_one_channel(campaign: Campaign, rng: np.random.Generator, spoil: Callable[[np.ndarray], None]) -> Campaign:
+    """The campaign with the force or the acceleration of one recording spoilt, in place on a copy of its samples."""
     i = one_of(campaign, rng)
     channel = str(rng.choice(["force", "acceleration"]))
 
     def change(name: str, samples: np.ndarray) -> np.ndarray:
         samples = samples.copy()
         if name == channel:
-            begin = int(rng.integers(samples.size // 4, 3 * samples.size // 4))
-            samples[begin : begin + 10] = np.nan
+            spoil(samples)
         return samples
 
     return with_recording(campaign, i, in_channels(campaign.recordings[i], change))
+
+
+def missing_numbers(campaign: Campaign, rng: np.random.Generator) -> Campaign:
+    """Ten samples of one channel of one recording are no numbers."""
+
+    def spoil(samples: np.ndarray) -> None:
+        begin = int(rng.integers(samples.size // 4, 3 * samples.size // 4))
+        samples[begin : begin + 10] = np.nan
+
+    return in_one_channel(campaign, rng, spoil)
 
 
 def glitches(campaign: Campaign, rng: np.random.Generator) -> Campaign:
     """Single samples of one recording's force or acceleration, far off, as of a loose plug."""
-    i = one_of(campaign, rng)
-    channel = str(rng.choice(["force", "acceleration"]))
 
-    def change(name: str, samples: np.ndarray) -> np.ndarray:
-        samples = samples.copy()
-        if name == channel:
-            places = rng.choice(samples.size, int(rng.integers(1, 5)), replace=False)
-            samples[places] = 5.0 * np.abs(samples).max() * rng.choice([-1.0, 1.0], places.size)
-        return samples
+    def spoil(samples: np.ndarray) -> None:
+        places = rng.choice(samples.size, int(rng.integers(1, 5)), replace=False)
+        samples[places] = 5.0 * np.abs(samples).max() * rng.choice([-1.0, 1.0], places.size)
 
-    return with_recording(campaign, i, in_channels(campaign.recordings[i], change))
+    return in_one_channel(campaign, rng, spoil)
 
 
 def clipped(campaign: Campaign, rng: np.random.Generator) -> Campaign:

@@ -1,6 +1,5 @@
 """The documentation site: ``make docs`` builds it into out/site. Pages are Markdown (MyST); those with cells run."""
 
-import argparse
 import hashlib
 import importlib
 import inspect
@@ -26,19 +25,16 @@ def code_digest():
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:16]
 
 
-def command_help(parser=None, name="drillenv"):
-    """The help of each command, by its name."""
+def command_help():
+    """The help of each command that has none below it, by its name."""
     from drillenv.cli import _parser
+    from drillenv.cli_options import commands_below
 
-    parser = parser or _parser()
-    if getattr(parser, "fill", None):
-        parser.fill(parser)
-    below = [each for each in parser._actions if isinstance(each, argparse._SubParsersAction)]
-    if not below:
-        return {name: parser.format_help()}
     found = {}
-    for word, part in below[0].choices.items():
-        found |= command_help(part, f"{name} {word}")
+    for command in commands_below(_parser()):
+        command.add_rest()
+        if not any(commands_below(command)):
+            found[command.prog] = command.format_help()
     return found
 
 

@@ -165,25 +165,25 @@ def _parser() -> Parser:
 
 def _commands() -> Iterable[tuple[str, Callable[[Parser], None], str, str]]:
     """All commands: the name of each, what adds its options, what it does, and an example's options."""
-    adders = (
-        _add_simulate,
-        _add_motion,
-        _add_sweep,
-        _add_atlas,
-        add_campaign,
-        _add_indentation,
-        _add_diagnose,
-        _add_compare,
-        _add_prove,
-        add_league,
-        add_train,
-        add_export,
-        add_record,
-        add_film,
-        _add_paper,
-        _add_demo,
-    )
-    return ((name, add, *told) for (name, told), add in zip(COMMANDS.items(), adders, strict=True))
+    adders = {
+        "simulate": _add_simulate,
+        "motion": _add_motion,
+        "sweep": _add_sweep,
+        "atlas": _add_atlas,
+        "campaign": add_campaign,
+        "indentation": _add_indentation,
+        "diagnose": _add_diagnose,
+        "compare": _add_compare,
+        "prove": _add_prove,
+        "league": add_league,
+        "train": add_train,
+        "export": add_export,
+        "record": add_record,
+        "film": add_film,
+        "paper": _add_paper,
+        "demo": _add_demo,
+    }
+    return ((name, adders[name], *told) for name, told in COMMANDS.items())
 
 
 def _add_controls(parser: Parser, required: bool = True) -> None:

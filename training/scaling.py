@@ -6,8 +6,6 @@ running statistics blow up a reading that is mostly noise, such as the half harm
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
@@ -46,50 +44,8 @@ def scaled(observations: np.ndarray) -> np.ndarray:
     return (observations - CENTRE) / WIDTH
 
 
-class Prepared(VecEnvWrapper):
-    """Scales what the environments give, and gives them actions for what the policy asks for.
-
-    Args:
-        venv: Environments that give readings.
-        scale: Of observations (..., m) to numbers of the order of 1.
-        act: Of outputs of the policy to actions.
-        worth: Factor on the rewards.
-    """
-
-    def __init__(
-        self,
-        venv: VecEnv,
-        scale: Callable[[np.ndarray], np.ndarray],
-        act: Callable[[np.ndarray], np.ndarray],
-        worth: float,
-    ):
-        given = venv.observation_space
-        assert isinstance(given, gym.spaces.Box)
-        super().__init__(venv, gym.spaces.Box(scale(given.low), scale(given.high), dtype=np.float32))
-        self.scale, self.act = scale, act
-        self.worth = np.float32(worth)
-
-    def reset(self) -> np.ndarray:
-        """Start an episode with every rig."""
-        observations = self.venv.reset()
-        assert isinstance(observations, np.ndarray)
-        return self.scale(observations)
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Take the outputs of the policy, (n, 3) or (n, 4)."""
-        self.venv.step_async(self.act(actions))
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Drill for one interval."""
-        observations, rewards, dones, infos = self.venv.step_wait()
-        assert isinstance(observations, np.ndarray)
-        for i in np.flatnonzero(dones).tolist():
-            infos[i]["terminal_observation"] = self.scale(infos[i]["terminal_observation"])
-        return self.scale(observations), rewards * self.worth, dones, infos
-
-
-class Scaled(Prepared):
-    """Rigs on rock, prepared by the table.
+class Scaled(VecEnvWrapper):
+    """Scales what rigs on rock give by the table, and gives them actions for what the policy asks for.
 
     Args:
         venv: Environments that give readings.
@@ -99,4 +55,23 @@ class Scaled(Prepared):
     def __init__(self, venv: VecEnv, worth: float):
         given = venv.observation_space
         assert isinstance(given, gym.spaces.Box) and given.shape == CENTRE.shape
-        super().__init__(venv, scaled, actions_of, worth)
+        super().__init__(venv, gym.spaces.Box(scaled(given.low), scaled(given.high), dtype=np.float32))
+        self.worth = np.float32(worth)
+
+    def reset(self) -> np.ndarray:
+        """Start an episode with every rig."""
+        observations = self.venv.reset()
+        assert isinstance(observations, np.ndarray)
+        return scaled(observations)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the outputs of the policy, (n, 3)."""
+        self.venv.step_async(actions_of(actions))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drill for one interval."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        assert isinstance(observations, np.ndarray)
+        for i in np.flatnonzero(dones).tolist():
+            infos[i]["terminal_observation"] = scaled(infos[i]["terminal_observation"])
+        return scaled(observations), rewards * self.worth, dones, infos
