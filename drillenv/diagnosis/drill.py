@@ -42,6 +42,10 @@ from drillenv.dynamics.hybrid.sensitivity import COUNTED, LAW, PHASE, make_varia
 from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
+    BENT1,
+    BENT2,
+    BRISTLES1,
+    BRISTLES2,
     F_B,
     MOUNT_SQUARE,
     OWN,
@@ -55,12 +59,12 @@ from drillenv.dynamics.hybrid.vector_field import (
     Y,
 )
 
-CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015])
+CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015, 0.015, 0.015])
 """Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
 indenter are free: a window's own samples say both to within the noise, and impacts magnify what is wrong of them."""
 PRESSURE_LABEL = 0.006
 """Standard deviation of a pressure about its label, as a share: gauges are read to 1 %."""
-STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0])
+STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0, 1.0, 1.0])
 """Units of a window's own unknowns: force of the coupling's spring and of its damper in N, then the states from v2 on.
 Forces, for what the data say of a window does not change with the spring that is taken to have made them."""
 FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
@@ -276,7 +280,7 @@ class Recorded:
         return raw_of(shot, windows.begin if chained else shot.ends, states, status == WENT_ON)
 
     def path(self, model: Model, own: Floats) -> Floats:
-        """(7, n) states along the motion, from the first window to the last, at the integrator's steps."""
+        """(OWN, n) states along the motion, from the first window to the last, at the integrator's steps."""
         path = self.integrate(model, own, path=True).path
         return path[:, self.inside.start // self.stride : self.inside.stop // self.stride]
 
@@ -287,7 +291,7 @@ class Recorded:
         return replace(model, s=s)
 
     def begun(self, own: Floats, model: Model) -> Floats:
-        """(windows, 7) states at the beginning of the windows."""
+        """(windows, OWN) states at the beginning of the windows."""
         model = self.labelled(own, model)
         kept = self.state_count(own)
         begin = np.zeros((self.windows, OWN))
@@ -443,7 +447,7 @@ class Recorded:
         return at if self.cost(shared, at) < self.cost(shared, own) else own
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
-        """(windows, kept) own unknowns of states (windows, 7); the model has the recording's pressure."""
+        """(windows, kept) own unknowns of states (windows, OWN); the model has the recording's pressure."""
         found = states.copy()
         found[:, Y] = spring_coordinate(states[:, Y], model, self.hypothesis.axes)
         found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.hypothesis.axes)
@@ -730,9 +734,9 @@ def kept_of(own: Floats, windows: int) -> int:
 
 
 def absent(model: Model) -> list[int]:
-    """States that the model has not: of a mount, of the air."""
-    mount = [] if model.s[MOUNT_SQUARE] > 0.0 else [U, UD]
-    return mount + ([] if model.s[AIR_RATE] > 0.0 else [Q])
+    """States that the model has not: of a mount, of the air, of bristles."""
+    with_them = {U: MOUNT_SQUARE, UD: MOUNT_SQUARE, Q: AIR_RATE, BENT1: BRISTLES1, BENT2: BRISTLES2}
+    return [state for state, scalar in with_them.items() if not model.s[scalar] > 0.0]
 
 
 class Entry(NamedTuple):

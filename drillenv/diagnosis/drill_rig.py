@@ -121,7 +121,7 @@ DRILL = DrillRig()
 
 
 def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
-    """Path (7, n) and model of each recording, where the fit stands."""
+    """Path (OWN, n) and model of each recording, where the fit stands."""
     values = fitted.values
     models = [fitted.hypothesis.model(values, each.scene) for each in fitted.blocks]
 

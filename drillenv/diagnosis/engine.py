@@ -104,7 +104,8 @@ def assembled(model: Model, axes: Axes, omega: float, wanted: Sequence[int] = ()
         laws += [Placed(*each, 0) for each in equation_tables(law.effect, law.form, law.parameters, k)]
     places = [law.place for law in laws]
     s[V.PULLS] = RATE_FORCE in places or RATE_FACTOR in places
-    owned = (V.MOUNT_SQUARE, V.AIR_RATE, V.DRIVE_LAG, (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION), V.GRIP1, V.GRIP2)
+    owned = (V.MOUNT_SQUARE, V.AIR_RATE, V.DRIVE_LAG, (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION), V.GRIP1, V.GRIP2,
+             V.BRISTLES1, V.BRISTLES2)  # fmt: skip
     s[V.BY_MOUNT : V.BY_MOUNT + len(owned)] = [0.0 if np.any(s[list(np.atleast_1d(at))]) else -1.0 for at in owned]
     s[V.EFFECTS] = 1.0
     made = assemble(s, laws)

@@ -17,8 +17,15 @@ from drillenv.dynamics.constitutive.places import CODE, GUIDE, INDENTER, PLACES,
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
 
-GRIPS = {"shaker_grip": (GUIDE, 1e-4), "indenter_grip": (INDENTER, 2e-3)}
+GRIPS = {
+    "shaker_grip": (GUIDE, 1e-4),
+    "indenter_grip": (INDENTER, 2e-3),
+    "shaker_sliding": (GUIDE, 1e-4),
+    "indenter_sliding": (INDENTER, 2e-3),
+}
 """Where dry friction acts as a curve, and over how many m/s it is taken to set in."""
+BRISTLES = {"shaker_bristles": GUIDE, "indenter_bristles": INDENTER}
+"""Where dry friction gives before it slides: a law there is over the speed either way."""
 FINE = 400
 """Depths at which a contact's law is inverted."""
 
@@ -51,9 +58,12 @@ def curve_at(effect: str, p: tuple[float, ...], place: int, x: Floats, around: A
         curve = _factor(law, p, around, place == UNLOADING, x)
     elif law is not None:
         curve = law(x, p, around.k)
-    for name, value in scalars_of(effect, p).items():
+    numbers = scalars_of(effect, p)
+    for name, value in numbers.items():
         if name in GRIPS and GRIPS[name][0] == place:
-            curve = curve + value * np.tanh(x / GRIPS[name][1])
+            way = np.tanh(x / GRIPS[name][1])
+            given = any(BRISTLES.get(other) == place for other in numbers)
+            curve = (curve * way if given else curve) + value * way
     return curve
 
 
@@ -95,4 +105,10 @@ def acts_at(effect: str, form: Form) -> tuple[frozenset[int], frozenset[str]]:
             places.add(CODE[name])
     scalars = scalars_of(effect, p)
     places |= {GRIPS[name][0] for name in scalars if name in GRIPS}
-    return frozenset(places), frozenset(name for name in scalars if name not in GRIPS)
+    return frozenset(places), frozenset(name for name in scalars if name not in GRIPS and name not in BRISTLES)
+
+
+@functools.cache
+def has_bristles(effect: str, form: Form) -> bool:
+    """Whether an equation is of dry friction that gives before it slides, and so has a state."""
+    return not BRISTLES.keys().isdisjoint(scalars_of(effect, parameters_of(effect, form, form.starts[0])))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from drillenv.diagnosis.equations import acts_at, grips_of, parameters_of, scalars_of
+from drillenv.diagnosis.equations import acts_at, grips_of, has_bristles, parameters_of, scalars_of
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes, look
 from drillenv.diagnosis.terms import DRIVE_PHASE, Hypothesis, Law, Model, Scene, Term, Unknown
@@ -49,8 +49,15 @@ NUMBERS = {
     "mount_damping": V.MOUNT_DAMPING,
     "air_stiffness": V.AIR_STIFFNESS,
     "air_rate": V.AIR_RATE,
+    "shaker_bristles": V.BRISTLES1,
+    "indenter_bristles": V.BRISTLES2,
 }
-GRIPS = {"shaker_grip": V.GRIP1, "indenter_grip": V.GRIP2}
+GRIPS = {
+    "shaker_grip": V.GRIP1,
+    "indenter_grip": V.GRIP2,
+    "shaker_sliding": V.SLIDING1,
+    "indenter_sliding": V.SLIDING2,
+}
 NOTHING = 1e-5
 """Share of how far from neutral a parameter begins, within which it is neutral: a play of nanometres is no curve."""
 LEAST_GRIP = 1e-6
@@ -181,7 +188,7 @@ def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
             own, made = acts_at(name, form)
             if (own and not made and own <= set(places)) or (made and not own and made <= set(numbers)):
                 unknowns = tuple(_unknown(effect.parameter(symbol), form, i) for i, symbol in enumerate(form.symbols))
-                remembers = bool(made) and DRIVE_LAG not in made
+                remembers = (bool(made) and DRIVE_LAG not in made) or has_bristles(name, form)
                 found.append(Equation(f"{name}: {form.name}", unknowns, name, form, remembers))
     return found
 
@@ -220,7 +227,7 @@ def odd_with_step(right: Floats) -> Floats:
 
 
 def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axes:
-    """Axes over the ranges that motions (7, n) visit; ``rest`` is F_b / k of each."""
+    """Axes over the ranges that motions (OWN, n) visit; ``rest`` is F_b / k of each."""
 
     def span(values: Floats) -> tuple[float, float]:
         low, high = np.percentile(values, [0.2, 99.8])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -124,7 +125,15 @@ def name_law(
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
-    tried.sort(key=lambda pair: pair[1].cost)
+
+    def rank(pair: tuple[Term, Fitted]) -> tuple[bool, float]:
+        # of those that do as well the one with fewer parameters, by the criterion of Schwarz
+        equation, other = pair
+        size = len(equation.unknowns)
+        as_well = Named.does_as_well(other.cost - fitted.cost, gain, family.size - size)
+        return not as_well, other.cost + 0.5 * size * math.log(fitted.samples)
+
+    tried.sort(key=rank)
     nearest = [(equation, other.cost - fitted.cost) for equation, other in tried]
     if not tried:
         return Named(family, family.mechanism, None, []), fitted

@@ -13,7 +13,7 @@ from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import UNLOADING
 from drillenv.dynamics.forms import Form
-from drillenv.dynamics.hybrid.vector_field import GRIP2, KL, KU, K
+from drillenv.dynamics.hybrid.vector_field import KL, KU, LONGEST, K
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.adapter import Adapter
@@ -39,8 +39,8 @@ class Scene(NamedTuple):
     fresh: bool
 
 
-SCALARS = GRIP2 + 2
-"""Those of the engine, up to the grips, and the phase of the drive."""
+SCALARS = LONGEST + 1
+"""Those of the engine that effects set, and the phase of the drive."""
 DRIVE_PHASE = SCALARS - 1
 """rad, by which the drive is ahead of the excitation."""
 

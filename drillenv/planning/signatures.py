@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drillenv.diagnosis.equations import Around, acts_at, curve_at, scalars_of
+from drillenv.diagnosis.equations import BRISTLES, Around, acts_at, curve_at, scalars_of
 from drillenv.diagnosis.laws import DRIVE_LAG, NUMBERS, Curve, Equation
 from drillenv.diagnosis.sinusoids import INDENTER, SHAKER, STIFFNESS
 from drillenv.diagnosis.sinusoids import Channel as Wave
@@ -202,7 +202,7 @@ class Stated(Equation):
 def stated_term(chosen: Chosen) -> Stated:
     """An effect of a model that follows an equation."""
     effect, p = chosen.effect, chosen.values
-    remembers = any(name in REMEMBERED for name in scalars_of(effect.name, p))
+    remembers = any(name in REMEMBERED or name in BRISTLES for name in scalars_of(effect.name, p))
     return Stated(f"stated {effect.name}", (), effect.name, stated_form(effect, p), remembers, p)
 
 

@@ -127,5 +127,9 @@ SCALARS: Mapping[str, str] = {
     "rotation_phase": "rad, at the start",
     "shaker_grip": "N, dry friction that holds the shaker body fast",
     "indenter_grip": "N, the same of the indenter",
+    "shaker_bristles": "N/m, stiffness with which dry friction on the shaker body gives before it slides",
+    "indenter_bristles": "N/m, the same on the indenter",
+    "shaker_sliding": "N, force at which it then slides; a law at guide adds to that, over the speed either way",
+    "indenter_sliding": "N, the same on the indenter, with a law at indenter",
 }
 """What an effect may set that is no curve, with its unit; 0 where no effect sets it."""

@@ -1,45 +1,34 @@
 """Dry friction on the guides of the shaker body."""
 
-import numpy as np
-
+from drillenv.dynamics.constitutive import friction
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
-
-
-def _law(speed, p, stiffness):
-    # at a transition speed of 0 it grips
-    return p[0] * np.tanh(speed / p[1]) if p[1] > 0.0 else np.zeros_like(speed)
-
-
-def _scalars(p):
-    return {"shaker_grip": p[0] if p[1] == 0.0 else 0.0}
-
 
 EFFECT = Effect(
     name="guide-friction",
     sentence="Dry friction in the guides holds the shaker body back, and fast while the other forces are weak.",
-    equation=(
-        "force -fc1 tanh(X1' / vs1) on the shaker body; for vs1 = 0 -fc1 sign(X1'), and at rest whatever holds it "
-        "there, up to fc1"
-    ),
-    source=(
-        "C. A. Coulomb, Theorie des machines simples (1785); J. P. Den Hartog, Forced vibrations with combined viscous "
-        "and Coulomb damping, Philosophical Magazine, series 7, 9 (1930) 801-817; S. Andersson, A. Soderberg, "
-        "S. Bjorklund, Friction models for sliding dry, boundary and mixed lubricated contacts, Tribology "
-        "International 40 (2007) 580-587"
-    ),
+    equation=friction.equation("shaker body", "fc1", "vs1", "ds1", "rs1", "vr1", "X1"),
+    source=friction.SOURCE,
     parameters=(
         Parameter("fc1", "friction force on the shaker body", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),
         Parameter("vs1", "speed at which a lubricated guide begins to slide freely", "m/s", 0.0, 1.0, 0.0, (0.0, 0.0)),
+        Parameter("ds1", "displacement by which it gives before it slides", "m", 0.0, 1e-3, 0.0, (0.0, 0.0)),
+        Parameter("rs1", "share by which it is larger at low speeds, of vs1 or ds1", "1", 0.0, 10.0, 0.0, (0.0, 0.0)),
+        Parameter("vr1", "speed at which that has faded", "m/s", 1e-6, 10.0, 0.001, (0.001, 0.001)),
     ),
     balances=("shaker",),
     regimes=EVERYWHERE,
     energy="loses",
-    extras=(Extra("slide1", "way the shaker body slides: 1, -1, or 0 while it sticks", "1", 1.0, kept="slide1"),),
-    laws={"guide": _law},
-    scalars=_scalars,
+    extras=(
+        Extra("slide1", "way the shaker body slides: 1, -1, or 0 while it sticks", "1", 1.0, kept="slide1"),
+        Extra("b1", "force of the bristles that give", "N", 10.0, kept="bent1"),
+    ),
+    laws={"guide": friction.law},
+    scalars=friction.scalars_of("shaker"),
     forms=(
         Form("coulomb", ("fc1",), ((20.0,), (60.0,))),
-        Form("rounded", ("fc1", "vs1"), ((30.0, 3e-4),)),
+        Form("rounded", ("fc1", "vs1"), ((30.0, 0.0003),)),
+        Form("dahl", ("fc1", "ds1"), ((30.0, 5e-07),)),
+        Form("lugre", ("fc1", "ds1", "rs1", "vr1"), ((30.0, 5e-07, 0.4, 0.001),)),
     ),
 )

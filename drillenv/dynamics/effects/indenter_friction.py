@@ -1,45 +1,34 @@
 """Dry friction on the indenter."""
 
-import numpy as np
-
+from drillenv.dynamics.constitutive import friction
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
-
-
-def _law(speed, p, stiffness):
-    # at a transition speed of 0 it grips
-    return p[0] * np.tanh(speed / p[1]) if p[1] > 0.0 else np.zeros_like(speed)
-
-
-def _scalars(p):
-    return {"indenter_grip": p[0] if p[1] == 0.0 else 0.0}
-
 
 EFFECT = Effect(
     name="indenter-friction",
     sentence="Dry friction holds the indenter back, and fast while the other forces are weak.",
-    equation=(
-        "force -fc2 tanh(X2' / vs2) on the indenter; for vs2 = 0 -fc2 sign(X2'), and at rest whatever holds it "
-        "there, up to fc2"
-    ),
-    source=(
-        "C. A. Coulomb, Theorie des machines simples (1785); J. P. Den Hartog, Forced vibrations with combined viscous "
-        "and Coulomb damping, Philosophical Magazine, series 7, 9 (1930) 801-817; S. Andersson, A. Soderberg, "
-        "S. Bjorklund, Friction models for sliding dry, boundary and mixed lubricated contacts, Tribology "
-        "International 40 (2007) 580-587"
-    ),
+    equation=friction.equation("indenter", "fc2", "vs2", "ds2", "rs2", "vr2", "X2"),
+    source=friction.SOURCE,
     parameters=(
         Parameter("fc2", "friction force on the indenter", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),
         Parameter("vs2", "speed at which a lubricated guide begins to slide freely", "m/s", 0.0, 1.0, 0.0, (0.0, 0.0)),
+        Parameter("ds2", "displacement by which it gives before it slides", "m", 0.0, 1e-3, 0.0, (0.0, 0.0)),
+        Parameter("rs2", "share by which it is larger at low speeds, of vs2 or ds2", "1", 0.0, 10.0, 0.0, (0.0, 0.0)),
+        Parameter("vr2", "speed at which that has faded", "m/s", 1e-6, 10.0, 0.05, (0.05, 0.05)),
     ),
     balances=("indenter",),
     regimes=EVERYWHERE,
     energy="loses",
-    extras=(Extra("slide2", "way the indenter slides: 1, -1, or 0 while it sticks", "1", 1.0, kept="slide2"),),
-    laws={"indenter": _law},
-    scalars=_scalars,
+    extras=(
+        Extra("slide2", "way the indenter slides: 1, -1, or 0 while it sticks", "1", 1.0, kept="slide2"),
+        Extra("b2", "force of the bristles that give", "N", 10.0, kept="bent2"),
+    ),
+    laws={"indenter": friction.law},
+    scalars=friction.scalars_of("indenter"),
     forms=(
         Form("coulomb", ("fc2",), ((20.0,), (60.0,))),
-        Form("rounded", ("fc2", "vs2"), ((30.0, 5e-3),)),
+        Form("rounded", ("fc2", "vs2"), ((30.0, 0.005),)),
+        Form("dahl", ("fc2", "ds2"), ((30.0, 1e-05),)),
+        Form("lugre", ("fc2", "ds2", "rs2", "vr2"), ((30.0, 1e-05, 0.4, 0.05),)),
     ),
 )

@@ -35,6 +35,7 @@ from drillenv.dynamics.hybrid.events import (
     stand_on_face,
     standing_switch,
     start_sliding,
+    turn_bristles,
 )
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
@@ -57,6 +58,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     step_error,
 )
 from drillenv.dynamics.hybrid.vector_field import (
+    BRISTLES1,
     CORNER_COUNT,
     CUT,
     F_A,
@@ -209,6 +211,8 @@ def let_through(m: np.ndarray, d: np.ndarray, z: np.ndarray, code: int, scratch:
         d[CUT] = 1.0 - d[CUT]
     elif code >= STOPPING:
         mass = (code - STOPPING) % 2
+        if m[BRISTLES1 + mass] > 0.0:
+            turn_bristles(m, d, z, mass, scratch)
     elif code in (LANDING, RELEASE):
         after, z[W] = (ON_LOADING if code == LANDING else FREE), 0.0
     else:

@@ -37,6 +37,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     step,
 )
 from drillenv.dynamics.hybrid.vector_field import (
+    BRISTLES1,
     CARRY,
     CORNER_COUNT,
     COUNT,
@@ -395,6 +396,10 @@ def find_event(m: np.ndarray, d: np.ndarray, h: float, ready: bool, scratch: np.
                 s, ready = first_crossing(m, d, code, h, ready, scratch)
                 if 0.0 <= s < first or (s >= 0.0 and which == NOTHING):
                     first, which = s, code
+        elif m[BRISTLES1 + mass] > 0.0:
+            s, ready = first_crossing(m, d, STOPPING + mass, h, ready, scratch)
+            if 0.0 <= s < first or (s >= 0.0 and which == NOTHING):
+                first, which = s, STOPPING + mass
     for law in range(int(m[LAWS])):
         count = law_at(m, law, CORNER_COUNT)
         if count > 0 and acts(law_at(m, law, PLACE), regime):
@@ -536,12 +541,26 @@ def settle_grips(m: np.ndarray, d: np.ndarray, z: np.ndarray, stopped: int, scra
             d[SLIDE1 + mass] = sign_of(force) if breaks else 0.0
 
 
+@njit(**INNER)
+def turn_bristles(m: np.ndarray, d: np.ndarray, z: np.ndarray, mass: int, scratch: np.ndarray) -> None:
+    """Let bristles be bent the way in which a mass now begins to move, whose speed is zero."""
+    apart()
+    z[V1 + mass] = 0.0
+    rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
+    way = sign_of(scratch[BEGIN_SLOPE, V1 + mass])
+    d[SLIDE1 + mass] = way if way != 0.0 else -d[SLIDE1 + mass]
+
+
 @njit(**MERGED)
 def start_sliding(m: np.ndarray, d: np.ndarray, z: np.ndarray, scratch: np.ndarray) -> None:
     """Let each mass slide the way it moves at the start of a run; those at rest stick or are pushed loose."""
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0:
             d[SLIDE1 + mass] = sign_of(z[V1 + mass])
+        elif m[BRISTLES1 + mass] > 0.0:
+            d[SLIDE1 + mass] = 1.0 if z[V1 + mass] >= 0.0 else -1.0
+            if z[V1 + mass] == 0.0:
+                turn_bristles(m, d, z, mass, scratch)
     settle_grips(m, d, z, NEITHER, scratch)
 
 

@@ -29,6 +29,8 @@ _OWNERS = (
     ("shaker_vibration", "indenter_vibration"),
     ("shaker_grip",),
     ("indenter_grip",),
+    ("shaker_bristles",),
+    ("indenter_bristles",),
 )
 """Which scalars, if not 0, make an effect answerable, in the order from BY_MOUNT on."""
 LONGEST_SHARE = 0.1
@@ -36,6 +38,8 @@ LONGEST_SHARE = 0.1
 MEMORY = {
     "q": (0, V.Q),
     "u'": (0, V.UD),
+    "bent1": (0, V.BENT1),
+    "bent2": (0, V.BENT2),
     "slide1": (1, V.SLIDE1),
     "slide2": (1, V.SLIDE2),
     "N": (1, V.COUNT),
@@ -197,11 +201,13 @@ def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> 
     speed = depth * math.sqrt(s[V.KL] / s[V.M2])
     # the shaker body moves as much less as it is heavier
     slow = speed * s[V.M2] / s[V.M1]
-    sizes = [force / s[V.K], slow, speed, depth, depth, speed, 0.01 * force, *terms.sizes]
+    lost = 0.01 * force
+    sizes = [force / s[V.K], slow, speed, depth, depth, speed, lost, lost, lost, *terms.sizes]
     s[V.LAWS], s[V.TERMS], s[V.TALLY] = len(laws), len(terms.rows), len(sizes)
-    # a mount and the air stand behind the rig's own states: without them those do not move
-    moving = V.OWN if s[V.MOUNT_SQUARE] or s[V.AIR_RATE] or terms.sizes else V.U
-    s[V.MOVING] = max(moving, len(sizes) if terms.sizes else 0)
+    # a mount, the air and bristles stand behind the rig's own states: without them those do not move
+    moving = V.BENT1 if s[V.MOUNT_SQUARE] or s[V.AIR_RATE] else V.U
+    moving = V.OWN if s[V.BRISTLES1] or s[V.BRISTLES2] else moving
+    s[V.MOVING] = len(sizes) if terms.sizes else moving
     at = [law.place for law in laws]
     s[V.BUSY] = (
         len(terms.rows) > 0 or np.max(s[V.BY_MOUNT : V.BY_GRIP1]) >= 0.0 or max(at, default=0) > places.COMPACTION

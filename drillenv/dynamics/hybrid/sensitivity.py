@@ -63,6 +63,10 @@ from drillenv.dynamics.hybrid.runge_kutta import (
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
     AIR_STIFFNESS,
+    BENT1,
+    BENT2,
+    BRISTLES1,
+    BRISTLES2,
     COUNT_CONTACT,
     CUT,
     DRIVE_LAG,
@@ -75,6 +79,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     KU,
     LAST_PIECE,
     LAWS,
+    LEAST_SLIDING,
     LEFT,
     M1,
     M2,
@@ -97,6 +102,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     SIZE,
     SIZES_AT,
     SLIDE1,
+    SLIDING1,
+    SLIDING2,
     TALLY,
     TERMS,
     THETA,
@@ -112,6 +119,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     W,
     Y,
     argument,
+    is_of_bristles,
     law_at,
     look,
     rates,
@@ -172,18 +180,21 @@ def by_state(count: int) -> Columns:
     BY_LAG,
     FROM_REST,
     ROCK,
-) = range(13)
-LINEAR = 13
+    BY_SLIDING1,
+    BY_SLIDING2,
+) = range(15)
+LINEAR = 15
 """Derivatives of the rock's force by w and by the speed into it; the force of the rock law and its derivatives by w, by
 the logarithm of the factor on its stiffness, by k_l and by k_u; what it is multiplied with; derivatives of the drive by
-F_a, by its phase and by its lag; slope of the curves over the shortening beyond that at rest; the rock's force."""
+F_a, by its phase and by its lag; slope of the curves over the shortening beyond that at rest; the rock's force; the
+rates of both masses' bristles by the force at which they slide."""
 # and in ``at`` (laws, 3)
 AT_PIECE, AT_T, CHAIN = range(3)
 """Which piece of a law its argument is in, and where in it; of a contact's shape, by what the force of the rock law
 changes with it."""
-# Rows of what columns change the rates by: of v1, v2, u', q, and the rock's force
-BY_V1, BY_V2, BY_UD, BY_Q, BY_ROCK = range(5)
-FORCINGS = 5
+# Rows of what columns change the rates by: of v1, v2, u', q, b1, b2, and the rock's force
+BY_V1, BY_V2, BY_UD, BY_Q, BY_BENT1, BY_BENT2, BY_ROCK = range(7)
+FORCINGS = 7
 
 
 def _collocation(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -351,6 +362,8 @@ def linearise(
             lin[FROM_REST] += slope
         elif place == DAMPER:
             damped += slope
+        elif is_of_bristles(m, place):
+            continue
         elif place == GUIDE:
             held1 += slope
         elif place == INDENTER:
@@ -386,6 +399,30 @@ def linearise(
     j[UD, U], j[UD, UD] = -m[MOUNT_SQUARE] - mount_u, -m[MOUNT_DAMPING] - mount_v - m[MOUNT_GAIN] * rock_v
     j[UD, W], j[UD, V2] = m[MOUNT_GAIN] * rock_w, m[MOUNT_GAIN] * rock_v
     j[Q, V1], j[Q, Q] = m[AIR_STIFFNESS], -m[AIR_RATE]
+    for mass in range(2):
+        lin[BY_SLIDING1 + mass] = 0.0
+        if m[BRISTLES1 + mass] > 0.0:
+            linearise_bristles(m, d, mass, z, j, at, lin)
+
+
+@njit(**INNER)
+def linearise_bristles(
+    m: np.ndarray, d: np.ndarray, mass: int, z: np.ndarray, j: np.ndarray, at: np.ndarray, lin: np.ndarray
+) -> None:
+    """The derivatives of what bristles do to a mass, into the rows of ``j`` of the two."""
+    apart()
+    v, force, way, sliding, slope = z[V1 + mass], z[BENT1 + mass], d[SLIDE1 + mass], m[SLIDING1 + mass], 0.0
+    for i in range(int(m[LAWS])):
+        if law_at(m, i, PLACE) == GUIDE + mass:
+            value, rate = look_closely(m, d, i, way * v, at)
+            sliding += value
+            slope += rate
+    sliding = max(sliding, LEAST_SLIDING)
+    j[V1 + mass, BENT1 + mass] = -1.0 / m[M1 + mass]
+    by_sliding = m[BRISTLES1 + mass] * way * v * force / (sliding * sliding)
+    j[BENT1 + mass, BENT1 + mass] = -m[BRISTLES1 + mass] * way * v / sliding
+    j[BENT1 + mass, V1 + mass] = m[BRISTLES1 + mass] * (1.0 - way * force / sliding) + by_sliding * slope * way
+    lin[BY_SLIDING1 + mass] = by_sliding
 
 
 @njit(**INNER)
@@ -417,8 +454,8 @@ def sinusoid(code: int, turn: float, time: float) -> float:
 def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin: np.ndarray, by: np.ndarray) -> None:
     """By what scalars change the forces: of each that a column may be by, a row of ``by`` (SIZE, FORCINGS).
 
-    Forces on both masses in N, the mount's acceleration, the air's rate, and the rock's force, beside which the first
-    three do not count it.
+    Forces on both masses in N, the mount's acceleration, the rates of the air and of bristles, and the rock's force,
+    beside which the first three do not count it.
     """
     closing = z[V1] - z[V2]
     by[M1, BY_V1], by[M2, BY_V2] = -dz[V1], -dz[V2]
@@ -433,6 +470,10 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[GRIP1, BY_V1], by[GRIP2, BY_V2] = -d[SLIDE1], -d[SLIDE1 + 1]
     by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -z[U], -z[UD]
     by[AIR_STIFFNESS, BY_Q], by[AIR_RATE, BY_Q] = z[V1], -z[Q]
+    by[SLIDING1, BY_BENT1], by[SLIDING2, BY_BENT2] = lin[BY_SLIDING1], lin[BY_SLIDING2]
+    # they stand on the same rate
+    by[BRISTLES1, BY_BENT1] = dz[BENT1] / m[BRISTLES1] if m[BRISTLES1] > 0.0 else z[V1]
+    by[BRISTLES2, BY_BENT2] = dz[BENT2] / m[BRISTLES2] if m[BRISTLES2] > 0.0 else z[V2]
 
 
 @njit(**INNER)
@@ -453,6 +494,8 @@ def by_law(
         own[BY_ROCK] = value * (lin[LAW_FORCE] if place == RATE_FACTOR else 1.0)
     elif place <= DAMPER:
         own[BY_V1], own[BY_V2] = -value, value
+    elif is_of_bristles(m, place):
+        own[BY_BENT1 + place - GUIDE] = value * lin[BY_SLIDING1 + place - GUIDE]
     elif place == GUIDE:
         own[BY_V1] = -value
     elif place <= DRIVE:
@@ -490,6 +533,7 @@ def find_forcings(
         rock = by[row, BY_ROCK] + lin[BY_FACTOR] * work.factor[c] * lin[GAIN]
         force[BY_V1, c], force[BY_V2, c] = by[row, BY_V1] / m[M1], (by[row, BY_V2] - rock) / m[M2]
         force[BY_UD, c], force[BY_Q, c] = by[row, BY_UD] + m[MOUNT_GAIN] * rock, by[row, BY_Q]
+        force[BY_BENT1, c], force[BY_BENT2, c] = by[row, BY_BENT1], by[row, BY_BENT2]
         force[BY_ROCK, c] = rock
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and d[SLIDE1 + mass] == 0.0:
@@ -546,7 +590,15 @@ def block_of(state: int, n: int) -> int:
     """Where the equations of a state stand: places first, since they hold nothing but speeds."""
     if n == 4:
         return (0, 2, 3, 1)[state]
-    return (0, 3, 4, 1, 2, 5, 6)[state] if state < OWN else state
+    return (0, 3, 4, 1, 2, 5, 6, 7, 8)[state] if state < OWN else state
+
+
+@njit(**INLINED)
+def forcing_of(state: int) -> int:
+    """The row of what columns change the rate of a state by; -1 of a place, whose rate is a speed."""
+    if V1 <= state <= V2:
+        return BY_V1 + state - V1
+    return BY_UD + state - UD if UD <= state <= BENT2 else -1
 
 
 @njit(**INNER)
@@ -569,7 +621,7 @@ def set_up(s: float, n: int, work: Variation) -> None:
                 share = s * INTEGRALS[k, 0] * j[0, a, b]
                 if share != 0.0:
                     add(right, share, v[0, b])
-            which = BY_V1 if a == V1 else (BY_V2 if a == V2 else (BY_UD if a == UD else (BY_Q if a == Q else -1)))
+            which = forcing_of(a)
             if which >= 0:
                 for other in range(POINTS):
                     add(right, s * INTEGRALS[k, other], force[other, which])

@@ -1,8 +1,9 @@
 """The rates of the rig with laws at any place, for one regime of the contact, of each grip and of each law's pieces.
 
 Dynamic states, in SI: the shortening ``y = X1 - X2``, the speeds ``v1`` and ``v2``, the contact's coordinate ``w``, the
-deflection ``u`` and speed ``u'`` of the rock's mount, the force ``q`` that the cylinder has lost; then the states of
-terms from outside, and the energies moved. ``w`` is the indenter's place behind an origin O, ``X2 = O + w + u``: Xf out
+deflection ``u`` and speed ``u'`` of the rock's mount, the force ``q`` that the cylinder has lost, the forces ``b1`` and
+``b2`` of bristles that are bent where dry friction gives before it slides; then the states of terms from outside, and
+the energies moved. ``w`` is the indenter's place behind an origin O, ``X2 = O + w + u``: Xf out
 of contact and while unloading, Xp while loading. So w is the depth, nothing drifts, and a power law is as smooth as a
 linear one. The balances stand in :mod:`drillenv.dynamics.constitutive.places`.
 
@@ -45,7 +46,7 @@ from drillenv.dynamics.hybrid.outside_terms import call_term
 TURN = 2.0 * math.pi
 
 # Dynamic states; behind OWN those of terms from outside, and then, from Model.tally on, the energies.
-Y, V1, V2, W, U, UD, Q, OWN = range(8)
+Y, V1, V2, W, U, UD, Q, BENT1, BENT2, OWN = range(10)
 BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
 """Energies in J, counted from ``Model.tally``; one for each effect from ``BY_EFFECTS`` on."""
 
@@ -75,7 +76,7 @@ CORNERS = TRUST + 3
 LAW_MEMORY, BELOW, LOWEST, HIGHEST = 3, 0, 1, 2
 """0 no contact, 1 loading, 2 unloading; phase in [0, 2 pi) with the rounding it owes, and whole turns of the
 excitation; time since the start in s; the origin in m and the rounding it owes; ways in which masses slide (1, -1, or 0
-while dry friction holds them); impacts on this face, and those before the present contact; angles in rad of what turns,
+while dry friction grips them); impacts on this face, and those before the present contact; angles in rad of what turns,
 now and where the present contact began, and of the vibration; factor on the rock's stiffness; largest force of the
 present loading so far in N, and its depth in m at the last turn; 1 where the rock would pull, and does not; length in s
 of the next step in each regime. Behind them, for each law, how many of its corners lie below its
@@ -101,15 +102,21 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     ROTATION_PHASE,
     GRIP1,
     GRIP2,
+    BRISTLES1,
+    BRISTLES2,
+    SLIDING1,
+    SLIDING2,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
-LONGEST = GRIP2 + 1
+LONGEST = SLIDING2 + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
 # scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
 # peak before a turn, whether it would pull, and whether forces act beyond those of the plain rig, in flight and on rock
 LAWS, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 7)
-BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2 = range(SIZES_AT + 1, SIZES_AT + 7)
-TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_GRIP2 + 1, BY_GRIP2 + 8)
+BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2, BY_BRISTLES1, BY_BRISTLES2 = range(
+    SIZES_AT + 1, SIZES_AT + 9
+)
+TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_BRISTLES2 + 1, BY_BRISTLES2 + 8)
 SIZE = BUSY_ON_ROCK + 1
 MOST_LAWS = 64
 """Room for laws; their table begins at SIZE, that of their pieces behind it."""
@@ -127,6 +134,8 @@ WHERE, PIECE, CORNER_COLUMNS = constants(*range(3))
 # Columns of the table of terms from outside: address, first of its states, first of its parameters, its effect
 ADDRESS, STATE, PARAMETER, TERM_EFFECT, TERM_COLUMNS = constants(*range(5))
 
+LEAST_SLIDING = 1e-9
+"""N. Bristles that slide at no force would have no state to go to."""
 PUSHED, WHOLE, ON_ROCKS = 3, 5, 6
 """Where the forces on both masses without dry friction stand in ``push``, behind those of a term, the force of the rock
 if it could pull, and what each term adds to it."""
@@ -300,9 +309,9 @@ def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float
     if place == DAMPER:
         return z[V1] - z[V2]
     if place == GUIDE:
-        return z[V1]
+        return z[V1] if m[BRISTLES1] == 0.0 else d[SLIDE1] * z[V1]
     if place == INDENTER:
-        return z[V2]
+        return z[V2] if m[BRISTLES2] == 0.0 else d[SLIDE2] * z[V2]
     if place == WAVEFORM:
         # counted on from the corner below, since the end of a part may be that of a turn
         below = below_of(d, law)
@@ -328,9 +337,9 @@ def argument_rate(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, dz: np.
     if place == DAMPER:
         return dz[V1] - dz[V2]
     if place == GUIDE:
-        return dz[V1]
+        return dz[V1] if m[BRISTLES1] == 0.0 else d[SLIDE1] * dz[V1]
     if place == INDENTER:
-        return dz[V2]
+        return dz[V2] if m[BRISTLES2] == 0.0 else d[SLIDE2] * dz[V2]
     if place == WAVEFORM:
         return m[OMEGA]
     if place == DRIVE:
@@ -354,6 +363,12 @@ def argument_size(m: np.ndarray, d: np.ndarray, law: int) -> float:
 
 
 @njit(**INLINED)
+def is_of_bristles(m: np.ndarray, place: int) -> bool:
+    """Whether a law at a place is a force that bristles slide at, and acts through them."""
+    return (place == GUIDE and m[BRISTLES1] > 0.0) or (place == INDENTER and m[BRISTLES2] > 0.0)
+
+
+@njit(**INLINED)
 def extra_forces(
     m, d, regime: int, shift: float, theta: float, law: float, drive: float, z, dz, push
 ) -> tuple[float, float, float, float]:
@@ -364,6 +379,8 @@ def extra_forces(
     for i in range(int(m[LAWS])):
         place = law_at(m, i, PLACE)
         if place <= UNLOADING or place == COMPACTION or (regime == FREE and place <= RATE_FORCE):
+            continue
+        if is_of_bristles(m, place):
             continue
         value = value_at(m, d, i, drive if place == DRIVE else argument(m, d, i, z, theta))
         power = given + law_at(m, i, EFFECT)
@@ -471,6 +488,7 @@ def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
     if m[MOVING] > U:
         dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * z[U] - m[MOUNT_DAMPING] * ud - on_mount
         dz[Q] = m[AIR_STIFFNESS] * v1 - m[AIR_RATE] * z[Q]
+    dz[BENT1], dz[BENT2] = 0.0, 0.0
     rub(m, d, z, dz)
     dz[tally + BY_DRIVE], dz[tally + BY_STATIC] = drive * v2, m[F_B] * v1
     dz[tally + IN_DAMPER], dz[tally + IN_ROCK] = damper * closing, law * into
@@ -486,6 +504,33 @@ def rub(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray) -> None:
             slide = d[SLIDE1 + mass]
             dz[V1 + mass] = 0.0 if slide == 0.0 else dz[V1 + mass] - slide * limit / m[M1 + mass]
             dz[int(m[TALLY]) + BY_EFFECTS + int(m[BY_GRIP1 + mass])] -= slide * limit * z[V1 + mass]
+        elif m[BRISTLES1 + mass] > 0.0:
+            bend(m, d, mass, z, dz)
+
+
+@njit(**INNER)
+def bend(m: np.ndarray, d: np.ndarray, mass: int, z: np.ndarray, dz: np.ndarray) -> None:
+    """Add the force of bristles on a mass, and how it changes (P. R. Dahl, The Aerospace Corporation, TOR-0158, 1968).
+
+    With a sliding force that goes with the speed it is the model of C. Canudas de Wit and others, IEEE Transactions on
+    Automatic Control 40 (1995) 419-425, without damping of the bristles.
+    """
+    apart()
+    v, force = z[V1 + mass], z[BENT1 + mass]
+    sliding = sliding_force(m, d, mass, v)
+    dz[BENT1 + mass] = m[BRISTLES1 + mass] * (v - d[SLIDE1 + mass] * v * force / sliding)
+    dz[V1 + mass] -= force / m[M1 + mass]
+    dz[int(m[TALLY]) + BY_EFFECTS + int(m[BY_BRISTLES1 + mass])] -= force * v
+
+
+@njit(**INNER)
+def sliding_force(m: np.ndarray, d: np.ndarray, mass: int, v: float) -> float:
+    """Force in N at which the bristles of a mass slide at the speed ``v`` in m/s; more than nothing."""
+    total = m[SLIDING1 + mass]
+    for i in range(int(m[LAWS])):
+        if law_at(m, i, PLACE) == GUIDE + mass:
+            total += look(m, d, i, d[SLIDE1 + mass] * v)[0]
+    return max(total, LEAST_SLIDING)
 
 
 @njit(**INNER)

@@ -14,8 +14,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq, minimize_scalar
 
 FREE, LOADING, UNLOADING = range(3)
-X1, X2, V1, V2, FACE, FACE_SPEED, LOST, ROCK_FORCE = range(8)
-SMALLEST = np.array([1e-17, 1e-17, 1e-15, 1e-15, 1e-18, 1e-15, 1e-13, 1e-11])
+X1, X2, V1, V2, FACE, FACE_SPEED, LOST, ROCK_FORCE, BEND1, BEND2, STATES = range(11)
+SMALLEST = np.array([1e-17, 1e-17, 1e-15, 1e-15, 1e-18, 1e-15, 1e-13, 1e-11, 1e-18, 1e-18])
 """Absolute tolerances; that of the force of the rock is used only where it is a state."""
 FIRST_STEP = 1e-7
 """s. Off an event steps begin short, so that it is left behind."""
@@ -162,12 +162,14 @@ class Peer:
         self.mount = None
         self.factor_at = lambda t, impacts: 1.0
         self.grips = (0.0, 0.0)
+        self.bristles = [None, None]
+        """(stiffness, sliding force by the speed) of each mass."""
 
     # --- Balances
 
     def bends(self, t, z):
         """(law, argument) of every element with corners that acts now."""
-        _, _, v1, v2, _, face_speed, _, rock = z
+        _, _, v1, v2, _, face_speed, _, rock = z[:8]
         y, closing, into = z[X1] - z[X2], v1 - v2, v2 - face_speed
         found = [(self.spring, y), (self.damper, closing), (self.guide, v1), (self.indenter, v2),
                  (self.drive, self.f_a * math.sin(self.omega * t))]  # fmt: skip
@@ -210,7 +212,8 @@ class Peer:
             one -= self.guide(z[V1])
         if self.indenter is not None:
             two -= self.indenter(z[V2])
-        return one, two, rock
+        held = [0.0 if each is None else each[0] * bend for each, bend in zip(self.bristles, z[BEND1:], strict=True)]
+        return one - held[0], two - held[1], rock
 
     def flow(self, t, state):
         z = state.tolist()
@@ -227,7 +230,16 @@ class Peer:
             rock_rate = self.contact.rate(z[ROCK_FORCE]) * (z[V2] - z[FACE_SPEED])
         stiffness, tau = self.air
         lost = stiffness * z[V1] - z[LOST] / tau
-        return [z[V1], z[V2], a1, a2, z[FACE_SPEED], face_bend, lost, rock_rate]
+        bent = [self.bending(mass, z) for mass in range(2)]
+        return [z[V1], z[V2], a1, a2, z[FACE_SPEED], face_bend, lost, rock_rate, *bent]
+
+    def bending(self, mass, z):
+        """How fast bristles bend, in m/s."""
+        if self.bristles[mass] is None:
+            return 0.0
+        stiffness, sliding = self.bristles[mass]
+        v, bend = z[V1 + mass], z[BEND1 + mass]
+        return v - abs(v) * stiffness * bend / sliding(v)
 
     # --- Events
 
@@ -255,7 +267,11 @@ class Peer:
         for mass in range(2):
             if self.grips[mass] > 0.0:
                 found += self.grip_events(mass)
-        for at, (law, _) in enumerate(self.bends(0.0, [0.0] * 8)):
+            if self.bristles[mass] is not None:
+                # the rates have a corner there
+                found.append((lambda t, z, mass=mass: z[V1 + mass], -self.ways[mass],
+                              lambda t, z, mass=mass: self.go_back(mass, z)))  # fmt: skip
+        for at, (law, _) in enumerate(self.bends(0.0, [0.0] * STATES)):
             for edge, way, part in law.exits():
 
                 def exits(t, z, at=at, edge=edge):
@@ -325,6 +341,10 @@ class Peer:
         z[V1 + mass] = 0.0
         push = self.pushes(t, z.tolist())[mass]
         self.slides[mass] = 0.0 if abs(push) <= self.grips[mass] else math.copysign(1.0, push)
+
+    def go_back(self, mass, z):
+        z[V1 + mass] = 0.0
+        self.ways[mass] = -self.ways[mass]
 
     def break_away(self, mass, way, t, z):
         self.slides[mass] = way
@@ -427,7 +447,7 @@ class Peer:
         self.regime, self.xp, self.xf, self.foot, self.factor = FREE, 0.0, 0.0, 0.0, 1.0
         self.peak, self.speed, self.since, self.pulls = 0.0, 0.0, 0.0, False
         self.samples, self.impacts, self.switches, self.slides = [], [], [], [0.0, 0.0]
-        t, z = 0.0, np.zeros(8)
+        t, z = 0.0, np.zeros(STATES)
         z[X1] = self.f_b / self.k
         self.largest = np.abs(z)
         end = periods * self.period
@@ -441,6 +461,7 @@ class Peer:
         if self.grips[0] > 0.0 or self.grips[1] > 0.0:
             for mass in range(2):
                 self.stop(mass, t, z)
+        self.ways = [1.0 if rate >= 0.0 else -1.0 for rate in self.flow(t, z)[V1 : V2 + 1]]
         self.sample(t, z)
         self.land(t, z)  # pushed by the spring
         for stop in stops:

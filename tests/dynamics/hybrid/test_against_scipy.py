@@ -104,18 +104,26 @@ def force_limit(peer, F_max=None, F_s=None):
         peer.spring = clipped(-F_s / peer.k, F_s / peer.k, peer.k)
 
 
-def guide_friction(peer, fc1, vs1=0.0):
-    if vs1 == 0.0:
+def stribeck(fc, rs, vr):
+    return lambda v: fc * (1.0 + rs * math.exp(-((v / vr) ** 2)))
+
+
+def guide_friction(peer, fc1, vs1=0.0, ds1=0.0, rs1=0.0, vr1=1e-3):
+    if ds1 > 0.0:
+        peer.bristles[0] = (fc1 / ds1, stribeck(fc1, rs1, vr1))
+    elif vs1 == 0.0:
         peer.grips = (fc1, 0.0)
     else:
-        peer.guide = lambda v: fc1 * math.tanh(v / vs1)
+        peer.guide = lambda v: stribeck(fc1, rs1, vr1)(v) * math.tanh(v / vs1)
 
 
-def indenter_friction(peer, fc2, vs2=0.0):
-    if vs2 == 0.0:
+def indenter_friction(peer, fc2, vs2=0.0, ds2=0.0, rs2=0.0, vr2=0.05):
+    if ds2 > 0.0:
+        peer.bristles[1] = (fc2 / ds2, stribeck(fc2, rs2, vr2))
+    elif vs2 == 0.0:
         peer.grips = (0.0, fc2)
     else:
-        peer.indenter = lambda v: fc2 * math.tanh(v / vs2)
+        peer.indenter = lambda v: stribeck(fc2, rs2, vr2)(v) * math.tanh(v / vs2)
 
 
 def rock_compaction(peer, soft, soft_n):
@@ -152,7 +160,29 @@ EQUATIONS = [
     Case("guide-friction", {"fc1": 47.5}, guide_friction),
     Case("guide-friction", {"fc1": 30.0, "vs1": 3e-4}, guide_friction, AT_110, "guide-friction-rounded"),
     Case("indenter-friction", {"fc2": 47.5}, indenter_friction),
+    Case("guide-friction", {"fc1": 40.0, "ds1": 5e-7}, guide_friction, AT_95, "guide-friction-dahl"),
+    Case(
+        "guide-friction",
+        {"fc1": 40.0, "ds1": 1e-6, "rs1": 0.4, "vr1": 1e-3},
+        guide_friction,
+        name="guide-friction-lugre",
+    ),
+    Case(
+        "guide-friction",
+        {"fc1": 40.0, "vs1": 3e-4, "rs1": 0.4, "vr1": 1e-3},
+        guide_friction,
+        AT_110,
+        "guide-friction-stribeck",
+    ),
     Case("indenter-friction", {"fc2": 30.0, "vs2": 5e-3}, indenter_friction, name="indenter-friction-rounded"),
+    Case("indenter-friction", {"fc2": 40.0, "ds2": 1e-5}, indenter_friction, AT_110, "indenter-friction-dahl"),
+    Case(
+        "indenter-friction",
+        {"fc2": 40.0, "ds2": 8e-6, "rs2": 0.5, "vr2": 0.05},
+        indenter_friction,
+        AT_95,
+        "indenter-friction-lugre",
+    ),
     Case("rock-compaction", {"soft": 0.375, "soft_n": 42.0}, rock_compaction, AT_95),
     Case("rock-mount-compliance", {"s_r": 2.75e-8, "m_r": 55.0, "zeta_r": 0.11}, rock_mount),
     Case("rock-rotation", {"eps": 0.155, "Omega": 10.0, "psi": 0.5}, rock_rotation),

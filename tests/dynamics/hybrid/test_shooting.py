@@ -45,6 +45,7 @@ EFFECTS = {
         make("air-spring", k_a=5e4, tau=0.2),
     ),
     "grip": (make("guide-friction", fc1=40.0, vs1=0.0), make("stiffness-hardening", k3=5e9)),
+    "bristles": (make("guide-friction", fc1=40.0, ds1=1e-6), make("indenter-friction", fc2=40.0, ds2=1e-5, rs2=0.4)),
     "waves": (
         make("external-vibration", F1=100.0, F2=3.0, f=33.0, psi=0.4),
         make("rock-rotation", eps=0.15, Omega=10.0, psi=0.2),
@@ -103,7 +104,7 @@ def begins(effects):
     return begin
 
 
-@pytest.mark.parametrize("name", [n for n in EFFECTS if n not in ("mount and air", "contact", "waves")])
+@pytest.mark.parametrize("name", [n for n in EFFECTS if n not in ("mount and air", "contact", "waves", "bristles")])
 def test_signals_are_those_of_the_reference(name):
     """Of each window by a run of its own, to within the relative error of the steps."""
     effects = EFFECTS[name]
@@ -140,8 +141,10 @@ WAYS = (1.0, -1.0)
 
 def by_states(effects, model, begin):
     found = []
-    for state in range(V.OWN if model.s[V.MOUNT_SQUARE] else 4):
-        step = (1e-9, 1e-6, 1e-6, 1e-9, 1e-10, 1e-6, 1e-4)[state]
+    mount = range(V.U, V.BENT1) if model.s[V.MOUNT_SQUARE] else range(0)
+    bristles = range(V.BENT1, V.OWN) if model.s[V.BRISTLES1] else range(0)
+    for state in (*range(4), *mount, *bristles):
+        step = (1e-9, 1e-6, 1e-6, 1e-9, 1e-10, 1e-6, 1e-4, 1e-4, 1e-4)[state]
         pair = []
         for way in WAYS:
             moved = begin.copy()
@@ -155,6 +158,7 @@ def by_scalars(effects, model, begin):
     """By every scalar that a column may be by, where it is there, and by the phase and the impacts before."""
     scalars = [V.M1, V.M2, V.K, V.C, V.F_A, V.F_B, V.KL, V.KU, V.MOUNT_GAIN, V.MOUNT_SQUARE, V.MOUNT_DAMPING]
     scalars += [V.AIR_STIFFNESS, V.AIR_RATE, V.GRIP1, V.DRIVE_LAG, V.ROTATION_SHARE, V.ROTATION_PHASE, V.ROTATION_RATE]
+    scalars += [V.BRISTLES1, V.BRISTLES2, V.SLIDING1, V.SLIDING2]
     found = []
     for scalar in scalars:
         step = (1e-3 if scalar == V.AIR_RATE else 1e-5) * abs(model.s[scalar])
