@@ -28,6 +28,7 @@ from drillenv.diagnosis.coupling import (
     spring_slope,
 )
 from drillenv.diagnosis.engine import Column, assembled, columns_of, equation_change
+from drillenv.diagnosis.fitting import FREE, JOINED
 from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
 from drillenv.diagnosis.solver import Floats, Quadratic, factor
@@ -70,6 +71,10 @@ Forces, for what the data say of a window does not change with the spring that i
 FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
 """Standard deviations of the first window's states about their first guess, in N, N, m/s and m: as large as they are,
 for the samples say little of them where sensors remember the time before."""
+IMPROBABLE = 3.0
+"""Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
+BENT = 50.0
+"""N, standard deviation of the force of bristles where a recording begins: friction that a lab would not miss."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
 WORSE, CORRECTIONS = 10.0, 6
@@ -375,6 +380,8 @@ class Recorded:
         off, precision = own.copy(), np.zeros(own.size)
         off[:4] -= self.data.states[0] / STATE_WIDTHS[:4]
         precision[:4] = (STATE_WIDTHS[:4] / FIRST_STATE) ** 2
+        if self.state_count(own) == OWN:
+            precision[BENT1:OWN] = (STATE_WIDTHS[BENT1:OWN] / BENT) ** 2
         behind = self.windows * self.state_count(own)
         precision[behind : behind + 2] = 1.0
         precision[behind + 2 :] = self.line_precision
@@ -417,7 +424,13 @@ class Recorded:
         return best, at
 
     def restarted(self, shared: Floats, own: Floats) -> Floats:
-        """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin."""
+        """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin.
+
+        A recording whose pressure is not to be believed is begun anew as a whole: where friction holds a mass the one
+        way, or the other, its force and the pressure's can stand for each other.
+        """
+        if abs(own[self.windows * self.state_count(own)]) > IMPROBABLE:
+            own = self.begun_anew(shared, own)
         _, costs = self.costs(shared, own)
         length = np.diff(self.data.starts)
         typical = float(np.median(costs / length))
@@ -445,6 +458,15 @@ class Recorded:
             better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
             at, best = np.where(better, begun, at), np.minimum(best, other)
         return at if self.cost(shared, at) < self.cost(shared, own) else own
+
+    def begun_anew(self, shared: Floats, own: Floats) -> Floats:
+        """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
+        kept = self.state_count(own)
+        guess = resized(first_states(self.data), self.windows, kept, 4, len(self.lines))
+        free = replace(self, weight=FREE).settled(shared, guess)
+        free[self.windows * kept] = 0.0
+        begun = self.settled(shared, self.chained(shared, free) if self.weight <= JOINED else free)
+        return begun if self.cost(shared, begun) < self.cost(shared, own) else own
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
         """(windows, kept) own unknowns of states (windows, OWN); the model has the recording's pressure."""

@@ -16,6 +16,8 @@ from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
 
+SLIDE1, SLIDE2 = 0, 2
+"""Columns of extra states; beside them are the forces of bristles."""
 HELD = make("guide-friction", fc1=1e5)
 """So strong that the shaker body never moves: what is left is one mass on a spring."""
 
@@ -64,7 +66,7 @@ def test_free_decay_loses_four_times_friction_over_stiffness_a_cycle(stretch):
         phase = np.arange(9) / 8 * math.pi
         assert np.allclose(y[8 * n : 8 * n + 9], sign * (reach + amplitude * np.cos(phase)), rtol=0, atol=1e-12)
     resting = run.time > (swings + 1e-9) * half
-    assert np.ptp(y[resting]) == 0.0 and np.all(run.extra[resting, 1] == 0.0) and np.all(run.v2[resting] == 0.0)
+    assert np.ptp(y[resting]) == 0.0 and np.all(run.extra[resting, SLIDE2] == 0.0) and np.all(run.v2[resting] == 0.0)
     assert np.all(run.acceleration[resting] == 0.0)
     assert np.all(run.v1 == 0.0) and run.energy.effects[0] == 0.0
     travelled = swings * (abs(stretch) - swings * reach) * 2
@@ -146,7 +148,7 @@ def test_forced_amplitude_is_den_hartogs(q, share):
     y = fine.x1 - fine.x2
     assert np.ptp(turns) < 2.1 * textbook.amplitude * length
     assert math.isclose(np.ptp(y) / 2 / length, textbook.amplitude, rel_tol=2e-6)
-    assert not np.any(run.extra[:, 1] == 0.0)
+    assert not np.any(run.extra[:, SLIDE2] == 0.0)
 
 
 @pytest.mark.parametrize("q", [0.7, 0.85, 1.3])
@@ -156,7 +158,7 @@ def test_stops_begin_at_den_hartogs_boundary(q):
     assert 0.1 < boundary < 0.95
     for share, sticks in ((0.98 * boundary, False), (1.02 * boundary, True)):
         run, _ = forced(q, share, 600, 4096)
-        assert np.any(run.extra[:, 1] == 0.0) == sticks
+        assert np.any(run.extra[:, SLIDE2] == 0.0) == sticks
 
 
 def test_weak_drive_never_moves_a_mass():
@@ -313,7 +315,7 @@ def test_friction_and_contact_agree_with_scipy(setting, case, fc1, fc2, periods)
             changes = [(t, slide) for t, i, slide in holds if i == mass] + [(seconds, 0)]
             for (t, slide), (until, _) in pairwise(changes):
                 inside = (run.time > t + 1e-8) & (run.time < until - 1e-8)
-                assert np.all(run.extra[inside, mass] == slide)
+                assert np.all(run.extra[inside, (SLIDE1, SLIDE2)[mass]] == slide)
             assert any(slide == 0 for t, slide in changes[:-1])
 
 
@@ -335,8 +337,8 @@ def check_definition(rig, setting, run, fc1, fc2):
     on_shaker = rig.static_force(setting) - pair
     on_indenter = rig.drive_force(setting) * np.sin(theta) + pair - run.force
     for speed, force, slide, limit in (
-        (run.v1, on_shaker, run.extra[:, 0], fc1),
-        (run.v2, on_indenter, run.extra[:, 1], fc2),
+        (run.v1, on_shaker, run.extra[:, SLIDE1], fc1),
+        (run.v2, on_indenter, run.extra[:, SLIDE2], fc2),
     ):
         if limit == 0.0:
             continue
@@ -376,7 +378,7 @@ def test_friction_does_what_it_says_at_many_settings():
         chosen = [make("guide-friction", fc1=fc1), make("indenter-friction", fc2=fc2)]
         run = run_hybrid(rig, setting, rock, 1.0, 10e3, effects=chosen)
         check_definition(rig, setting, run, fc1, fc2)
-        held += np.any(run.extra == 0.0)
+        held += np.any(run.extra[:, [SLIDE1, SLIDE2]] == 0.0)
     assert held > 100
 
 
@@ -384,11 +386,11 @@ def test_mass_may_be_held_while_the_rock_swings():
     """The indenter sticks, the rock on its mount goes on: contact turns round and ends though the indenter rests."""
     setting = Setting(60.0, 0.3, 0.6)
     soft = make("rock-mount-compliance", s_r=2e-6, m_r=2.0, zeta_r=0.01)
-    start = Start(0.0, 0.0, 0.5, 0.0, LOADING, (0.0, 0.0, 0.0))
+    start = Start(0.0, 0.0, 0.5, 0.0, LOADING, (0.0,) * 5)
     run = run_hybrid(
         Rig(), setting, ROCKS[4], 0.2, 50e3, start=start, effects=[HELD, make("indenter-friction", fc2=900.0), soft]
     )
-    held = run.extra[:, 1] == 0.0
+    held = run.extra[:, SLIDE2] == 0.0
     assert np.any(held & (run.regime == LOADING)) and np.any(held & (run.regime == UNLOADING))
     assert np.any(held & (run.regime == FREE))
     assert abs(run.energy.error) < 1e-10
@@ -399,7 +401,9 @@ def test_run_with_friction_goes_on_where_it_ended():
     setting = Setting(60.0, 0.45, 1.0)
     chosen = [make("guide-friction", fc1=150.0), make("indenter-friction", fc2=160.0)]
     whole = run_hybrid(Rig(), setting, ROCKS[4], 1.0, 1e4, effects=chosen)
-    held = [float(whole.time[(whole.extra[:, mass] == 0.0) & (whole.time > 0.3)][0]) for mass in (0, 1)]
+    held = [
+        float(whole.time[(whole.extra[:, (SLIDE1, SLIDE2)[mass]] == 0.0) & (whole.time > 0.3)][0]) for mass in (0, 1)
+    ]
     for at in (0.5, *held):
         first = run_hybrid(Rig(), setting, ROCKS[4], at, 0.0, effects=chosen)
         second = run_hybrid(Rig(), setting, ROCKS[4], 1.0 - at, 0.0, first.end_phase, first.end, chosen)
@@ -410,7 +414,7 @@ def test_run_with_friction_goes_on_where_it_ended():
         silent = first.end._replace(extra=())
         again = run_hybrid(Rig(), setting, ROCKS[4], 1.0 - at, 0.0, first.end_phase, silent, chosen)
         assert again.end == second.end
-        assert at == 0.5 or 0.0 in first.end.extra
+        assert at == 0.5 or 0.0 in first.end.extra[::2]
 
 
 def test_samples_leave_friction_alone():
@@ -423,7 +427,7 @@ def test_samples_leave_friction_alone():
 def test_one_friction_a_mass():
     other = Chosen(make("guide-friction").effect.__class__(**{
         **{name: getattr(HELD.effect, name) for name in HELD.effect.__slots__}, "name": "more-friction",
-    }), (3.0, 0.0))  # fmt: skip
+    }), (3.0, *HELD.values[1:]))  # fmt: skip
     with pytest.raises(InputError, match="guide-friction and more-friction both set the shaker grip") as caught:
         run_hybrid(Rig(), Setting(60.0, 0.45, 1.0), ROCKS[4], 0.1, 0.0, effects=[HELD, other])
     assert "\n" not in str(caught.value)

@@ -12,8 +12,6 @@ with vs the force is g(v) tanh(v / vs), and without either the mass sticks until
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from drillenv.dynamics.constitutive.places import Floats
@@ -47,16 +45,12 @@ def law(speed: Floats, p: tuple[float, ...], stiffness: float) -> Floats:
     return (fc + more) * np.tanh(speed / vs) if vs > 0.0 else more * np.sign(speed)
 
 
-def scalars_of(mass: str) -> Callable[[tuple[float, ...]], dict[str, float]]:
+def scalars(mass: str, p: tuple[float, ...]) -> dict[str, float]:
     """What the friction of ``shaker`` or ``indenter`` sets of the model, by its parameters."""
-
-    def scalars(p: tuple[float, ...]) -> dict[str, float]:
-        fc, vs, ds, _rs, _vr = p
-        bristles = fc / ds if ds > 0.0 else 0.0
-        return {
-            f"{mass}_grip": fc if vs == 0.0 and ds == 0.0 else 0.0,
-            f"{mass}_bristles": bristles,
-            f"{mass}_sliding": fc if bristles > 0.0 else 0.0,
-        }
-
-    return scalars
+    fc, vs, ds, _rs, _vr = p
+    bristles = fc / ds if ds > 0.0 else 0.0
+    return {
+        f"{mass}_grip": fc if vs == 0.0 and ds == 0.0 else 0.0,
+        f"{mass}_bristles": bristles,
+        f"{mass}_sliding": fc if bristles > 0.0 else 0.0,
+    }

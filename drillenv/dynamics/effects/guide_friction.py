@@ -4,6 +4,11 @@ from drillenv.dynamics.constitutive import friction
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
+
+def _scalars(p):
+    return friction.scalars("shaker", p)
+
+
 EFFECT = Effect(
     name="guide-friction",
     sentence="Dry friction in the guides holds the shaker body back, and fast while the other forces are weak.",
@@ -14,7 +19,7 @@ EFFECT = Effect(
         Parameter("vs1", "speed at which a lubricated guide begins to slide freely", "m/s", 0.0, 1.0, 0.0, (0.0, 0.0)),
         Parameter("ds1", "displacement by which it gives before it slides", "m", 0.0, 1e-3, 0.0, (0.0, 0.0)),
         Parameter("rs1", "share by which it is larger at low speeds, of vs1 or ds1", "1", 0.0, 10.0, 0.0, (0.0, 0.0)),
-        Parameter("vr1", "speed at which that has faded", "m/s", 1e-6, 10.0, 0.001, (0.001, 0.001)),
+        Parameter("vr1", "speed at which that has faded", "m/s", 1e-6, 10.0, 1e-3, (1e-3, 1e-3)),
     ),
     balances=("shaker",),
     regimes=EVERYWHERE,
@@ -24,11 +29,11 @@ EFFECT = Effect(
         Extra("b1", "force of the bristles that give", "N", 10.0, kept="bent1"),
     ),
     laws={"guide": friction.law},
-    scalars=friction.scalars_of("shaker"),
+    scalars=_scalars,
     forms=(
         Form("coulomb", ("fc1",), ((20.0,), (60.0,))),
-        Form("rounded", ("fc1", "vs1"), ((30.0, 0.0003),)),
-        Form("dahl", ("fc1", "ds1"), ((30.0, 5e-07),)),
-        Form("lugre", ("fc1", "ds1", "rs1", "vr1"), ((30.0, 5e-07, 0.4, 0.001),)),
+        Form("rounded", ("fc1", "vs1"), ((30.0, 3e-4),)),
+        Form("dahl", ("fc1", "ds1"), ((20.0, 5e-7), (60.0, 5e-7))),
+        Form("lugre", ("fc1", "ds1", "rs1", "vr1"), ((20.0, 5e-7, 0.4, 1e-3), (60.0, 5e-7, 0.4, 1e-3))),
     ),
 )

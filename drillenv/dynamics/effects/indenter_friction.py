@@ -4,6 +4,11 @@ from drillenv.dynamics.constitutive import friction
 from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
+
+def _scalars(p):
+    return friction.scalars("indenter", p)
+
+
 EFFECT = Effect(
     name="indenter-friction",
     sentence="Dry friction holds the indenter back, and fast while the other forces are weak.",
@@ -24,11 +29,11 @@ EFFECT = Effect(
         Extra("b2", "force of the bristles that give", "N", 10.0, kept="bent2"),
     ),
     laws={"indenter": friction.law},
-    scalars=friction.scalars_of("indenter"),
+    scalars=_scalars,
     forms=(
         Form("coulomb", ("fc2",), ((20.0,), (60.0,))),
-        Form("rounded", ("fc2", "vs2"), ((30.0, 0.005),)),
-        Form("dahl", ("fc2", "ds2"), ((30.0, 1e-05),)),
-        Form("lugre", ("fc2", "ds2", "rs2", "vr2"), ((30.0, 1e-05, 0.4, 0.05),)),
+        Form("rounded", ("fc2", "vs2"), ((30.0, 5e-3),)),
+        Form("dahl", ("fc2", "ds2"), ((20.0, 1e-5), (60.0, 1e-5))),
+        Form("lugre", ("fc2", "ds2", "rs2", "vr2"), ((20.0, 1e-5, 0.4, 0.05), (60.0, 1e-5, 0.4, 0.05))),
     ),
 )
