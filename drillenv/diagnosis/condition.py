@@ -10,7 +10,7 @@ speed back from the moment at which the force sets in. None of these needs the c
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -129,27 +129,50 @@ def converter_step(signal: np.ndarray) -> float:
 def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[float, float, float]:
     """Frequency in rad/s, phase in rad at the first sample and amplitude of a sine in a signal.
 
+    Mains on the same channel are fitted beside it where they are more than noise: near the excitation's frequency they
+    would be taken for a part of it.
+
     Raises:
         InputError: the signal holds no sine near this frequency.
     """
     time = np.arange(signal.size) / rate
+    found = _fit_sine(signal, time, 2 * math.pi * frequency, ())
+    if found.amplitude <= 5 * float(np.std(found.left)) / math.sqrt(signal.size / 2):
+        raise InputError(f"the excitation holds no sine near {frequency:g} Hz: check the channel and the setting")
+    hums = [np.column_stack(hum) for hum in _hums(time, found.omega, ORDERS[-1])]
+    explained = [float((found.left @ hum) @ np.linalg.solve(hum.T @ hum, hum.T @ found.left)) for hum in hums]
+    if hums and max(explained) > 2.0 * HUM * float(np.var(found.left)):
+        found = _fit_sine(signal, time, found.omega, hums[int(np.argmax(explained))].T)
+    return found.omega, found.phase, found.amplitude
 
-    def parts(omega: float) -> tuple[np.ndarray, np.ndarray]:
-        basis = np.column_stack([np.sin(omega * time), np.cos(omega * time), np.ones_like(time)])
-        return basis, np.linalg.lstsq(basis, signal, rcond=None)[0]
 
-    def misfit(scaled: np.ndarray) -> np.ndarray:
-        basis, weights = parts(2 * math.pi * frequency * (1 + scaled[0] * 1e-4))
-        return signal - basis @ weights
+class _Sine(NamedTuple):
+    """A sine in a signal."""
+
+    omega: float
+    """rad/s."""
+    phase: float
+    """rad at the first sample."""
+    amplitude: float
+    left: np.ndarray
+    """(n,) what is left."""
+
+
+def _fit_sine(signal: np.ndarray, time: np.ndarray, omega: float, beside: Iterable[np.ndarray]) -> _Sine:
+    """The sine near a frequency of ``omega`` rad/s, with a constant and the columns (n,) ``beside`` it."""
+
+    def parts(scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turned = omega * (1 + scaled[0] * 1e-4) * time
+        basis = np.column_stack([np.sin(turned), np.cos(turned), np.ones_like(time), *beside])
+        # sines of unlike frequencies are next to orthogonal
+        weights = np.linalg.solve(basis.T @ basis, basis.T @ signal)
+        return weights, signal - basis @ weights
 
     # at 0.5 s a tenth of a period is 0.2 % of 100 Hz; more than that would be another setting
-    found = least_squares(misfit, [0.0], bounds=([-60.0], [60.0]), x_scale=1.0)
-    omega = 2 * math.pi * frequency * (1 + found.x[0] * 1e-4)
-    _basis, (sine, cosine, _level) = parts(omega)
-    amplitude = math.hypot(sine, cosine)
-    if amplitude <= 5 * float(np.std(misfit(found.x))) / math.sqrt(signal.size / 2):
-        raise InputError(f"the excitation holds no sine near {frequency:g} Hz: check the channel and the setting")
-    return omega, math.atan2(cosine, sine), amplitude
+    found = least_squares(lambda scaled: parts(scaled)[1], [0.0], bounds=([-60.0], [60.0]), x_scale=1.0)
+    (sine, cosine, *_), left = parts(found.x)
+    phase, amplitude = math.atan2(cosine, sine), math.hypot(sine, cosine)
+    return _Sine(omega * (1 + found.x[0] * 1e-4), phase, amplitude, left)
 
 
 def spring_from_force(

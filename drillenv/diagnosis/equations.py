@@ -18,10 +18,10 @@ from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
 
 GRIPS = {
-    "shaker_grip": (GUIDE, 1e-4),
-    "indenter_grip": (INDENTER, 2e-3),
-    "shaker_sliding": (GUIDE, 1e-4),
-    "indenter_sliding": (INDENTER, 2e-3),
+    "shaker_grip": (GUIDE, 2e-5),
+    "indenter_grip": (INDENTER, 5e-4),
+    "shaker_sliding": (GUIDE, 2e-5),
+    "indenter_sliding": (INDENTER, 5e-4),
 }
 """Where dry friction acts as a curve, and over how many m/s it is taken to set in."""
 BRISTLES = {"shaker_bristles": GUIDE, "indenter_bristles": INDENTER}

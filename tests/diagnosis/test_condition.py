@@ -170,3 +170,16 @@ def test_a_recording_is_thinned_to_what_is_enough():
     assert data.force.size == recording.channels["force"].samples.size // 2
     assert np.sum(thinning(2) ** 2) == pytest.approx(0.5, rel=0.01)
     assert data.quanta == (0.0, 0.0) or min(data.quanta) > 0.0
+
+
+@pytest.mark.parametrize("mains", [50.007, 59.99])
+def test_mains_beside_the_excitation_are_not_taken_for_a_part_of_it(mains):
+    """At a few turns' distance they would shift its amplitude by a per cent."""
+    rng, rate, n = np.random.default_rng(8), 25600.0, 14336
+    time, frequency = np.arange(n) / rate, 52.7013
+    sine = 0.5 * np.sin(2 * np.pi * frequency * time + 0.4)
+    hum = 0.02 * np.sin(2 * np.pi * mains * time + 2.0) + 0.004 * np.sin(6 * np.pi * mains * time)
+    omega, phase, amplitude = fit_excitation(sine + hum + 2e-3 * rng.standard_normal(n), rate, 52.7)
+    # standard deviations by the noise alone: 2.4e-5 V, and twice 4.7e-5 rad with the frequency free
+    assert abs(amplitude - 0.5) < 2e-4 and abs(phase - 0.4) < 1e-3
+    assert abs(omega / (2 * np.pi) - frequency) < 1e-3
