@@ -29,7 +29,7 @@ from drillenv.diagnosis.tables import Axes, look
 from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, SURELY, TINY, WELL_EXPLAINED
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.recordings import Campaign, QualityFinding
 
 STRUCK = 1.3
@@ -465,13 +465,14 @@ class BodyReport:
         there = set(self.mechanisms)
         listed = [each for each in rejected(self.every, self.tested) if each["mechanism"] not in there]
         listed = list({each["mechanism"]: each for each in reversed(listed)}.values())[::-1]
-        if "channel-delay" not in there and not any(each["mechanism"] == "channel-delay" for each in listed):
-            listed.append({"mechanism": "channel-delay", "why": "no more than sampling does"})
+        delay = mechanism_of_law("lag")
+        if delay not in there and not any(each["mechanism"] == delay for each in listed):
+            listed.append({"mechanism": delay, "why": "no more than sampling does"})
         value, std = self.lag_of(self.lagging)
         side = "force" if self.bodies[0].force is not None else "acceleration"
         way = "behind" if value > 0.0 else "ahead of"
         for each in listed:
-            if each["mechanism"] == "channel-delay":
+            if each["mechanism"] == delay:
                 lag = f"the {side} would be {1e3 * abs(value):.3f} +- {1e3 * std:.3f} ms {way} the motion"
                 each["why"] += f"; let loose, {lag}"
         return listed

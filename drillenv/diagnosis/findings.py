@@ -14,7 +14,7 @@ from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
 from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response, quantity
-from drillenv.diagnosis.naming import MOST, effect_of
+from drillenv.diagnosis.naming import MOST
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested
 from drillenv.diagnosis.sensing import Added, Sensor
@@ -155,7 +155,7 @@ def equivalents(step: Step) -> list[str]:
     most = (
         MOST * step.gain if step.named.equation is None else min(worse for _, worse in nearest or [(None, 0.0)]) + EQUAL
     )
-    named = {effect_of(equation) for equation, worse in nearest if worse < most}
+    named = {equation.effect for equation, worse in nearest if worse < most}
     close = [family for family, other in step.rivals if other.cost - step.found < EQUAL and not family.constant]
     alike = named | {family.mechanism for family in close}
     return sorted(alike - {step.named.mechanism})

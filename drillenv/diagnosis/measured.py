@@ -32,6 +32,7 @@ from drillenv.dynamics.constitutive.places import (
     SPRING_FROM_REST,
     WAVEFORM,
 )
+from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.hybrid import vector_field as V
 
 POINTS = 61
@@ -205,26 +206,26 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
         return _spring(axes, _ends(visited.axes, SPRING), model)
     plain = {
         "spring": (SPRING, "shortening of the coupling", "m", "N", _over_spring),
-        "backlash": (SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
+        "play": (SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
         "damper": (DAMPER, "closing speed of the coupling", "m/s", "N", _over_damper),
-        "guide-friction": (GUIDE, "speed of the shaker body", "m/s", "N", None),
-        "indenter-friction": (INDENTER, "speed of the indenter", "m/s", "N", _over_indenter),
-        "drive-harmonics": (WAVEFORM, "phase of the excitation", "rad", "1", _over_phase),
-        "force-limit": (DRIVE, "force asked of the drive", "N", "N", _over_drive),
+        "guide": (GUIDE, "speed of the shaker body", "m/s", "N", None),
+        "indenter": (INDENTER, "speed of the indenter", "m/s", "N", _over_indenter),
+        "waveform": (WAVEFORM, "phase of the excitation", "rad", "1", _over_phase),
+        "drive": (DRIVE, "force asked of the drive", "N", "N", _over_drive),
     }
     if family.group in plain:
         return _plain(axes, _ends(visited.axes, plain[family.group][0]), *plain[family.group])
-    if family.group == "contact-law":
+    if family.group == "contact law":
         return _contact_law(axes, _ends(visited.axes, LOADING)[1])
-    if family.group == "contact-rate":
+    if family.group == "rate":
         return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], depth)
-    if family.group == "rock-compaction":
+    if family.group == "compaction":
         x = np.linspace(0.0, 120.0, POINTS)
         return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, COMPACTION, x))
-    if family.group == "air-spring":
+    if family.group == "air":
         x = np.linspace(0.0, 1e-3, POINTS)
         return Shown("sudden advance of the shaker body", "m", "N", x, lambda m: m.s[V.AIR_STIFFNESS] * x)
-    if family.group == "rock-mount-compliance":
+    if family.group == "mount":
         x = np.linspace(0.0, 5e3, POINTS)
 
         def give(m: Model) -> Floats:
@@ -369,11 +370,16 @@ def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floa
 
 
 def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:
-    """What a sensor makes of a channel, as ``law`` of a report: gain less 1 or lag over frequency, or a force."""
+    """What a sensor makes of a channel, as ``law`` of a report.
+
+    By the unit of its mechanism's parameters: a lag over frequency (s), a force over acceleration (kg), else a gain
+    less 1 over frequency.
+    """
+    unit = REGISTRY[mechanism].parameters[0].unit
     rate = min(each.data.rate for each in fitted.blocks)
     frequency = np.linspace(50.0, min(0.35 * rate, 4000.0), POINTS)
     channels = (0, 0) if terms[0].name == "force lag" else (1, 1)
-    if mechanism == "load-cell-inertia":
+    if unit == "kg":
         channels = (1, 0)
 
     def curve(values: Floats) -> Floats:
@@ -381,9 +387,9 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
         for term in terms:
             found = found * response(term, values[first : first + len(term.unknowns)], frequency, *channels)
             first += len(term.unknowns)
-        if mechanism == "channel-delay":
+        if unit == "s":
             return -np.unwrap(np.angle(found)) / (2.0 * np.pi * frequency)
-        return np.real(found) if mechanism == "load-cell-inertia" else np.abs(found) - 1.0
+        return np.real(found) if unit == "kg" else np.abs(found) - 1.0
 
     inside = indices_of(fitted, terms)
     values = fitted.values[inside]
@@ -394,9 +400,9 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
         ahead[i] += 1e-3 * unknown.width
         slopes.append((curve(ahead) - y) / 1e-3)
     spread = band(fitted, inside, np.array(slopes).T)
-    law = {"argument": "frequency", "argument_unit": "Hz", "unit": "s" if mechanism == "channel-delay" else "1"}
+    law = {"argument": "frequency", "argument_unit": "Hz", "unit": "s" if unit == "s" else "1"}
     x = frequency
-    if mechanism == "load-cell-inertia":
+    if unit == "kg":
         # a mass, by the force that it adds to an acceleration; the lowest frequencies carry most of it
         every = np.concatenate([each.measured[1] for each in fitted.blocks])
         low, high = np.percentile(every, [1.0, 99.0])

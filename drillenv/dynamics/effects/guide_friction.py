@@ -42,4 +42,5 @@ EFFECT = Effect(
         Form("coulomb", ("fc1",), ((20.0,), (60.0,))),
         Form("rounded", ("fc1", "vs1"), ((30.0, 3e-4),)),
     ),
+    free_laws=("guide",),
 )

@@ -42,4 +42,5 @@ EFFECT = Effect(
         Form("coulomb", ("fc2",), ((20.0,), (60.0,))),
         Form("rounded", ("fc2", "vs2"), ((30.0, 5e-3),)),
     ),
+    free_laws=("indenter",),
 )
