@@ -16,11 +16,11 @@ from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
-from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
-from drillenv.diagnosis.findings import deviations, equivalents, form_of, parameters_of_equation, rejected
+from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, explained, surplus
+from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.measured import BAND, POINTS, band, indices_of, quantity
+from drillenv.diagnosis.measured import POINTS, indices_of, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import THOROUGH, without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested, regular
@@ -264,16 +264,13 @@ class BodyReport:
     def where(self, verdict: str, cells: list[dict[str, Any]]) -> dict[str, Any]:
         """Balance, regimes and recordings of the mismatch, and a sentence."""
         if verdict == "agrees":
-            text = "What is left is noise within the stated tolerances of the constants."
+            text = AGREED
             if self.left_share() > LEFT:
                 text = f"What is left, {self.excess():.3g} N, is less than {100 * SLIGHT:g} % of the force."
             return {"balance": None, "regimes": [], "recordings": [], "summary": text}
-        surplus: dict[str, float] = {}
-        for each in cells:
-            grown = (each["mean_square"] - 1.0) * each["samples"]
-            surplus[each["regime"]] = surplus.get(each["regime"], 0.0) + grown
-        total = max(sum(surplus.values()), 1e-300)
-        regimes = sorted((name for name in surplus if surplus[name] > 0.2 * total), key=lambda name: -surplus[name])
+        beyond = surplus(cells, "regime")
+        total = max(sum(beyond.values()), 1e-300)
+        regimes = [name for (name,), size in sorted(beyond.items(), key=lambda each: -each[1]) if size > 0.2 * total]
         balance = "body"
         if verdict == "missing-physics":
             effects = [REGISTRY[name] for name in self.mechanisms]
@@ -338,8 +335,7 @@ class BodyReport:
             "gain": round(sum(step.gain for step in steps), 1),
             "share": round(max(each.share for each in weighed), 4),
             "share_of_left_out": round(max(each.left_out for each in weighed), 4),
-            "equation": effect.equation if exact else "none of the library's: see the law",
-            "source": effect.source,
+            **cited(effect, exact),
         }
         if "sensor" not in effect.balances and exact:
             evidence["beside_a_free_lag"] = self.beside_lag(first)
@@ -387,20 +383,7 @@ class BodyReport:
                 total = total + (value - beyond[i]) * shape
             return total
 
-        at = final.fit.shared[inside]
-        y = curve(at)
-        slopes = np.array([(curve(at + step) - y) / NUDGE for step in NUDGE * np.eye(at.size)])
-        spread = band(final, inside, slopes.T)
-        argument, unit = ARGUMENTS[place]
-        return {
-            "argument": argument,
-            "argument_unit": unit,
-            "unit": "N",
-            "x": x.tolist(),
-            "y": y.tolist(),
-            "low": (y - BAND * spread).tolist(),
-            "high": (y + BAND * spread).tolist(),
-        }
+        return law_record(*ARGUMENTS[place], "N", x, *with_spread(final, inside, curve, NUDGE))
 
     def unstated(self, place: int, x: Floats) -> dict[int, Floats]:
         """Constants that nobody states, by place among the parameters, with their forces (n,) over an argument."""
@@ -439,7 +422,7 @@ class BodyReport:
     def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
         """Parameters of an equation in a fit."""
         found = {}
-        for symbol, each in parameters_of_equation(fitted, equation, self.spread(fitted)).items():
+        for symbol, each in parameters_of(fitted, equation, self.spread(fitted)).items():
             std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
             found[symbol] = quantity(each["value"], std, each["unit"])
         return found

@@ -123,6 +123,11 @@ class BodyRig:
         return min(1.0, 2.0 * body.edge * body.every / body.rate)
 
     @property
+    def recordings(self) -> list[str]:
+        """Names of those that are fitted."""
+        return list(dict.fromkeys(each.body.name for each in self.stretches))
+
+    @property
     def clock(self) -> float:
         """s from one sample to the next."""
         return 1.0 / self.stretches[0].body.rate
@@ -212,7 +217,7 @@ class BodyRig:
 
     def hum(self, line: float) -> Family:
         """Of the mains, at a frequency that is the same in all recordings."""
-        names = list(dict.fromkeys(each.body.name for each in self.stretches))
+        names = self.recordings
 
         def force(values: Floats, body: Body) -> Floats:
             if body.name not in names:
@@ -326,7 +331,7 @@ class BodyRig:
             power += np.interp(tried, np.fft.rfftfreq(8 * longest, 1.0 / per_row), whole)
         top = int(np.clip(np.argmax(power), 1, tried.size - 2))
         frequency = float(tried[top] + peak_offset(*power[top - 1 : top + 2]) * (tried[1] - tried[0]))
-        names = list(dict.fromkeys(each.body.name for each in self.stretches))
+        names = self.recordings
 
         def waves(body: Body) -> Floats:
             made = np.zeros((2 * len(names), body.velocity.size))
