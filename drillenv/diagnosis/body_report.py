@@ -294,8 +294,9 @@ class BodyReport:
     def rest(self) -> dict[str, Any]:
         """What is left, in words and numbers."""
         outside = [step for step in (*self.steps, *self.minor) if step.family.outside]
+        little = [step for step in self.minor if not step.family.outside]
         words = [step.family.outside for step in outside]
-        words += [f"a little of it is like {step.named.mechanism}" for step in self.minor if not step.family.outside]
+        words += [f"a little of it is like {step.named.mechanism}" for step in little]
         excess = self.excess()
         if not words and self.left_share() > LEFT:
             words.append("it is like none of the families that were tried")
@@ -306,7 +307,7 @@ class BodyReport:
                 "gain": self.evidence[id(step)].left_out,
                 "share": self.evidence[id(step)].share,
             }
-            for step in (*outside, *(each for each in self.minor if not each.family.outside))
+            for step in (*outside, *little)
         ]
         return {
             "summary": text + (f": {'; '.join(words)}." if words else "."),
@@ -351,8 +352,8 @@ class BodyReport:
             "parameters": self.strengths(first, self.final) if exact else self.nearest(first),
             "evidence": evidence,
         }
-        if any(isinstance(term, Curve) for step in steps for term in step.terms):
-            first = next(step for step in steps if any(isinstance(term, Curve) for term in step.terms))
+        first = next((step for step in steps if any(isinstance(term, Curve) for term in step.terms)), None)
+        if first is not None:
             same = [step for step in steps if step.family.group == first.family.group or is_of_speed(step, first)]
             entry["law"] = self.law([term for step in same for term in step.terms])
         return entry

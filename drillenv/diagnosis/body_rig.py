@@ -22,7 +22,6 @@ from drillenv.diagnosis.body import (
     autoregression,
     columns_of,
     equation_force,
-    peak_offset,
     sliding,
 )
 from drillenv.diagnosis.body_channels import Body
@@ -41,6 +40,7 @@ from drillenv.diagnosis.laws import (
     normalised,
     odd_with_step,
 )
+from drillenv.diagnosis.noise import peak_offset
 from drillenv.diagnosis.selection import best_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes

@@ -12,27 +12,8 @@ from scipy.optimize import least_squares
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import (
-    DRIVE_LAG,
-    LOGARITHMS,
-    NUMBERS,
-    STRAIGHT,
-    Curve,
-    Equation,
-    Family,
-    Gain,
-    equations,
-)
-from drillenv.diagnosis.sensing import (
-    ACCELEROMETER,
-    FALLING,
-    LEVEL,
-    RESPONSES,
-    RISING,
-    Sensor,
-    response,
-    textbook_sensors,
-)
+from drillenv.diagnosis.laws import DRIVE_LAG, LOGARITHMS, NUMBERS, STRAIGHT, Curve, Equation, Family, Gain, equations
+from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Model, Term
@@ -40,8 +21,6 @@ from drillenv.dynamics.constitutive.places import DRIVE, LOADING, SPRING, UNLOAD
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
-NOT_LEVEL = 0.08
-"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 STARTS = 2
 """Starts of an equation that are followed to their end."""
 FARTHEST_SHIFT = 2.0
@@ -201,15 +180,6 @@ def mechanisms_of(family: Family) -> set[str]:
     laws = RESPONSES if family.group == ACCELEROMETER else ()
     found = {family.mechanism, *map(mechanism_of_law, laws)}
     return (found | {each.effect for each in equations(*places_of(family))}) & set(REGISTRY)
-
-
-def kind_of_response(term: Term, values: Floats, rate: float) -> str:
-    """The kind of a frequency response: one that rises resonates, one that falls is a low-pass, a level one a delay."""
-    frequency = np.linspace(100.0, min(4000.0, 0.35 * rate), 80)
-    gain = np.abs(response(term, values, frequency))  # type: ignore[arg-type]
-    if float(gain.max()) > 1.0 + NOT_LEVEL:
-        return RISING
-    return FALLING if float(gain.min()) < 1.0 - NOT_LEVEL else LEVEL
 
 
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:

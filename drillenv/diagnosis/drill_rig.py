@@ -10,19 +10,13 @@ import numpy as np
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded, kept_of, resized
-from drillenv.diagnosis.drill_identification import (
-    kind_of_response,
-    law_of,
-    mechanisms_of,
-    rivals,
-    taken_up,
-)
+from drillenv.diagnosis.drill_identification import law_of, mechanisms_of, rivals, taken_up
 from drillenv.diagnosis.drill_noise import Noise, noise_left, noise_of
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import MOUNT_LAW, Equivalent, Family, as_stated, axes_of, families, kind_of_spring
 from drillenv.diagnosis.noise import nuisance
 from drillenv.diagnosis.selection import best_frequency
-from drillenv.diagnosis.sensing import ACCELEROMETER, Sensor, sensor_families
+from drillenv.diagnosis.sensing import ACCELEROMETER, Sensor, kind_of_response, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats

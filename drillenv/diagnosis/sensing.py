@@ -39,6 +39,8 @@ GAINS = 2 * len(SLOW_CORNERS)
 ACCELEROMETER = "accelerometer response"
 RISING, FALLING, LEVEL = RESPONSES = "rising response", "falling response", "level response"
 """What the free response of an accelerometer may be."""
+NOT_LEVEL = 0.08
+"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,15 @@ def response(term: Sensor, values: Floats, frequency: Floats, true: int = ACCELE
     middle, pulses = term.pulses(values, rate, seconds)
     turned = np.exp(-2j * math.pi * np.asarray(frequency) / rate)
     return np.polynomial.polynomial.polyval(turned, pulses[true, read]) * turned**-middle
+
+
+def kind_of_response(term: Sensor, values: Floats, rate: float) -> str:
+    """The kind of a frequency response: one that rises resonates, one that falls is a low-pass, a level one a delay."""
+    frequency = np.linspace(100.0, min(4000.0, 0.35 * rate), 80)
+    gain = np.abs(response(term, values, frequency))
+    if float(gain.max()) > 1.0 + NOT_LEVEL:
+        return RISING
+    return FALLING if float(gain.min()) < 1.0 - NOT_LEVEL else LEVEL
 
 
 def _filtered(x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False) -> Floats:
