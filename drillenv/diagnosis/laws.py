@@ -378,7 +378,7 @@ def _contact(free: FreeLaws) -> list[Family]:
     compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:5])
     return [
         Family("contact law", "contact law", law),
-        Family("rate", "rate", rate),
+        Family("contact speed", "contact speed", rate),
         Family("compaction", "compaction", (compaction,)),
     ]
 

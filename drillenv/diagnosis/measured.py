@@ -207,7 +207,7 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
         return _plain(axes, _ends(visited.axes, PLAIN[family.group][0]), *PLAIN[family.group])
     if family.group == "contact law":
         return _contact_law(axes, _ends(visited.axes, LOADING)[1])
-    if family.group == "rate":
+    if family.group == "contact speed":
         return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], depth)
     if family.group == "compaction":
         x = np.linspace(0.0, 120.0, POINTS)

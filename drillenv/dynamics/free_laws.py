@@ -12,7 +12,7 @@ FREE_LAWS: Mapping[str, str] = MappingProxyType(
     {
         # forces of the rock
         "contact law": "stiffness of the rock over its force, on the way in and on the way out",
-        "rate": "force of the rock over the speed into it",
+        "contact speed": "force of the rock over the speed into it",
         "compaction": "stiffness of the rock over the impacts on a fresh face",
         "mount": "displacement of the rock's face under its force: one mode",
         "rotation": "stiffness of the rock at a frequency of its own",

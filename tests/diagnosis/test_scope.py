@@ -26,7 +26,7 @@ EVERY = [*families(AXES, [60.0, 80.0, 110.0]), *sensor_families(["r01"], 12e3)]
 @pytest.mark.parametrize(
     ("only", "groups"),
     [
-        ("contact", {"contact law", "rate", "compaction", "mount"}),
+        ("contact", {"contact law", "contact speed", "compaction", "mount"}),
         ("contact-toe", {"contact law"}),
         ("shaker", {"guide", "air"}),
         ("damper", {"damper"}),
