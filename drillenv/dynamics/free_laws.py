@@ -1,7 +1,7 @@
 """Laws that a diagnosis fits freely, as curves or responses, before it asks which equation they follow.
 
-Where none does, a law is reported as the mechanism that claims it, by ``free_laws`` of an effect. The law of a sensor is
-shown by the unit of the first parameter of that effect: as a lag (s), as a force over acceleration (kg), else as a gain.
+Where none does, a law is reported as the mechanism that claims it, by ``free_laws`` of an effect. The law of a sensor
+is shown by the unit of that effect's first parameter: as a lag (s), as a force over acceleration (kg), else as a gain.
 """
 
 from __future__ import annotations
