@@ -191,11 +191,6 @@ def columns_of(term: Term, body: Body, axes: Axes) -> Floats:
     return made
 
 
-def peak_offset(before: float, peak: float, after: float) -> float:
-    """Where a parabola through three values at -1, 0 and 1 is largest; 0 where the middle one is not the largest."""
-    return 0.5 * (before - after) / (before - 2.0 * peak + after) if peak > max(before, after) else 0.0
-
-
 def equation_force(effect: str, p: tuple[float, ...], body: Body, stiffness: float) -> Floats:
     """(n,) N, by what an effect of the library makes the force larger that a motion needs."""
     act = REGISTRY[effect].on_body

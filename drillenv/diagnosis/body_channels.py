@@ -22,6 +22,7 @@ from scipy.stats import chi2
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import white_noise
 from drillenv.recordings import Campaign, QualityFinding, Recording
+from drillenv.recordings.signal_faults import stretches
 
 ORDERS = {"position": 0, "velocity": 1, "acceleration": 2}
 STENCILS = {
@@ -412,9 +413,8 @@ def _widened(mask: np.ndarray, by: int) -> np.ndarray:
 
 def _long(mask: np.ndarray, least: int) -> np.ndarray:
     """True only where a mask is true for more than ``least`` samples on end."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
     found = np.zeros_like(mask)
-    for first, after in edges:
+    for first, after in stretches(mask):
         if after - first > least:
             found[first:after] = True
     return found

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.ndimage import median_filter
 
-from drillenv.diagnosis.body import Autoregression, Nonlinear, Stretch, autoregression, columns_of, peak_offset
+from drillenv.diagnosis.body import Autoregression, Nonlinear, Stretch, autoregression, columns_of
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_rig import BodyRig
+from drillenv.diagnosis.noise import peak_offset
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Term
 

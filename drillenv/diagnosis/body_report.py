@@ -16,11 +16,11 @@ from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
-from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
-from drillenv.diagnosis.findings import deviations, equivalents, form_of, parameters_of_equation, rejected
+from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, explained, surplus
+from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.measured import BAND, POINTS, band, indices_of, quantity
+from drillenv.diagnosis.measured import POINTS, indices_of, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import THOROUGH, without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested, regular
@@ -29,7 +29,7 @@ from drillenv.diagnosis.tables import Axes, look
 from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, SURELY, TINY, WELL_EXPLAINED
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.recordings import Campaign, QualityFinding
 
 STRUCK = 1.3
@@ -264,16 +264,13 @@ class BodyReport:
     def where(self, verdict: str, cells: list[dict[str, Any]]) -> dict[str, Any]:
         """Balance, regimes and recordings of the mismatch, and a sentence."""
         if verdict == "agrees":
-            text = "What is left is noise within the stated tolerances of the constants."
+            text = AGREED
             if self.left_share() > LEFT:
                 text = f"What is left, {self.excess():.3g} N, is less than {100 * SLIGHT:g} % of the force."
             return {"balance": None, "regimes": [], "recordings": [], "summary": text}
-        surplus: dict[str, float] = {}
-        for each in cells:
-            grown = (each["mean_square"] - 1.0) * each["samples"]
-            surplus[each["regime"]] = surplus.get(each["regime"], 0.0) + grown
-        total = max(sum(surplus.values()), 1e-300)
-        regimes = sorted((name for name in surplus if surplus[name] > 0.2 * total), key=lambda name: -surplus[name])
+        beyond = surplus(cells, "regime")
+        total = max(sum(beyond.values()), 1e-300)
+        regimes = [name for (name,), size in sorted(beyond.items(), key=lambda each: -each[1]) if size > 0.2 * total]
         balance = "body"
         if verdict == "missing-physics":
             effects = [REGISTRY[name] for name in self.mechanisms]
@@ -297,8 +294,9 @@ class BodyReport:
     def rest(self) -> dict[str, Any]:
         """What is left, in words and numbers."""
         outside = [step for step in (*self.steps, *self.minor) if step.family.outside]
+        little = [step for step in self.minor if not step.family.outside]
         words = [step.family.outside for step in outside]
-        words += [f"a little of it is like {step.named.mechanism}" for step in self.minor if not step.family.outside]
+        words += [f"a little of it is like {step.named.mechanism}" for step in little]
         excess = self.excess()
         if not words and self.left_share() > LEFT:
             words.append("it is like none of the families that were tried")
@@ -309,7 +307,7 @@ class BodyReport:
                 "gain": self.evidence[id(step)].left_out,
                 "share": self.evidence[id(step)].share,
             }
-            for step in (*outside, *(each for each in self.minor if not each.family.outside))
+            for step in (*outside, *little)
         ]
         return {
             "summary": text + (f": {'; '.join(words)}." if words else "."),
@@ -338,8 +336,7 @@ class BodyReport:
             "gain": round(sum(step.gain for step in steps), 1),
             "share": round(max(each.share for each in weighed), 4),
             "share_of_left_out": round(max(each.left_out for each in weighed), 4),
-            "equation": effect.equation if exact else "none of the library's: see the law",
-            "source": effect.source,
+            **cited(effect, exact),
         }
         if "sensor" not in effect.balances and exact:
             evidence["beside_a_free_lag"] = self.beside_lag(first)
@@ -355,8 +352,8 @@ class BodyReport:
             "parameters": self.strengths(first, self.final) if exact else self.nearest(first),
             "evidence": evidence,
         }
-        if any(isinstance(term, Curve) for step in steps for term in step.terms):
-            first = next(step for step in steps if any(isinstance(term, Curve) for term in step.terms))
+        first = next((step for step in steps if any(isinstance(term, Curve) for term in step.terms)), None)
+        if first is not None:
             same = [step for step in steps if step.family.group == first.family.group or is_of_speed(step, first)]
             entry["law"] = self.law([term for step in same for term in step.terms])
         return entry
@@ -387,20 +384,7 @@ class BodyReport:
                 total = total + (value - beyond[i]) * shape
             return total
 
-        at = final.fit.shared[inside]
-        y = curve(at)
-        slopes = np.array([(curve(at + step) - y) / NUDGE for step in NUDGE * np.eye(at.size)])
-        spread = band(final, inside, slopes.T)
-        argument, unit = ARGUMENTS[place]
-        return {
-            "argument": argument,
-            "argument_unit": unit,
-            "unit": "N",
-            "x": x.tolist(),
-            "y": y.tolist(),
-            "low": (y - BAND * spread).tolist(),
-            "high": (y + BAND * spread).tolist(),
-        }
+        return law_record(*ARGUMENTS[place], "N", x, *with_spread(final, inside, curve, NUDGE))
 
     def unstated(self, place: int, x: Floats) -> dict[int, Floats]:
         """Constants that nobody states, by place among the parameters, with their forces (n,) over an argument."""
@@ -439,7 +423,7 @@ class BodyReport:
     def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
         """Parameters of an equation in a fit."""
         found = {}
-        for symbol, each in parameters_of_equation(fitted, equation, self.spread(fitted)).items():
+        for symbol, each in parameters_of(fitted, equation, self.spread(fitted)).items():
             std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
             found[symbol] = quantity(each["value"], std, each["unit"])
         return found
@@ -465,13 +449,14 @@ class BodyReport:
         there = set(self.mechanisms)
         listed = [each for each in rejected(self.every, self.tested) if each["mechanism"] not in there]
         listed = list({each["mechanism"]: each for each in reversed(listed)}.values())[::-1]
-        if "channel-delay" not in there and not any(each["mechanism"] == "channel-delay" for each in listed):
-            listed.append({"mechanism": "channel-delay", "why": "no more than sampling does"})
+        delay = mechanism_of_law("lag")
+        if delay not in there and not any(each["mechanism"] == delay for each in listed):
+            listed.append({"mechanism": delay, "why": "no more than sampling does"})
         value, std = self.lag_of(self.lagging)
         side = "force" if self.bodies[0].force is not None else "acceleration"
         way = "behind" if value > 0.0 else "ahead of"
         for each in listed:
-            if each["mechanism"] == "channel-delay":
+            if each["mechanism"] == delay:
                 lag = f"the {side} would be {1e3 * abs(value):.3f} +- {1e3 * std:.3f} ms {way} the motion"
                 each["why"] += f"; let loose, {lag}"
         return listed

@@ -22,12 +22,12 @@ from drillenv.diagnosis.body import (
     autoregression,
     columns_of,
     equation_force,
-    peak_offset,
     sliding,
 )
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import (
+    HARDENING,
     SLOW,
     Curve,
     Equation,
@@ -40,12 +40,13 @@ from drillenv.diagnosis.laws import (
     normalised,
     odd_with_step,
 )
+from drillenv.diagnosis.noise import peak_offset
 from drillenv.diagnosis.selection import best_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Hypothesis, Term, Unknown, mean_amplitude
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.forms import Form
 from drillenv.recordings import Campaign
 
@@ -122,6 +123,11 @@ class BodyRig:
         return min(1.0, 2.0 * body.edge * body.every / body.rate)
 
     @property
+    def recordings(self) -> list[str]:
+        """Names of those that are fitted."""
+        return list(dict.fromkeys(each.body.name for each in self.stretches))
+
+    @property
     def clock(self) -> float:
         """s from one sample to the next."""
         return 1.0 / self.stretches[0].body.rate
@@ -167,17 +173,17 @@ class BodyRig:
         friction = Curve("friction", coefficients("friction", len(rising), unit), GUIDE, odd_with_step(rising))
         spring = free.curve("spring", unit, SPRING, free.splines(10))
         damper = free.curve("damper", unit, DAMPER, free.over_speed(9, DAMPER))
-        faster = "damping-quadratic" if "damping" in self.stated else "viscous-damping"
+        faster = mechanism_of_law("damper" if "damping" in self.stated else "unstated damping")
         found = [
-            Family("spring", "spring", (spring,), "stiffness-hardening"),
-            Family("friction", "friction", (friction,), "dry-friction"),
+            Family("spring", "spring", (spring,), mechanism_of_law(HARDENING)),
+            Family("friction", "friction", (friction,)),
             Family("damper", "damper", (damper,), faster),
         ]
         if self.forced:
             # what is straight would take the measured force for what explains it
             limit = free.curve("applied force", unit, DRIVE, bent(free.splines(9), axes.points(DRIVE)))
             terms = (limit,) if self.gain is None else (limit, self.gain)
-            found.append(Family("applied force", "applied force", terms, "force-limit"))
+            found.append(Family("drive", "drive", terms))
         return found
 
     def candidates(self, fitted: Fitted) -> list[Family]:
@@ -202,16 +208,16 @@ class BodyRig:
         far = 60.0 * self.clock
         delay = Unknown("delay", 0.0, self.clock, LATE * self.clock, -far, far, "s")
         lag = Nonlinear("lag", (delay,), self.lagged, says=self.delays)
-        found.append(Family("channel-delay", "channel-delay", (lag,), textbook=True))
+        found.append(Family("lag", "lag", (lag,), textbook=True))
         if "offset" not in self.stated:
             zero = Forces("zero", coefficients("zero", 1, unit), ones, says=self.zeros)
-            found.append(Family("sensor-offset", "sensor-offset", (zero,), textbook=True))
+            found.append(Family("offset", "offset", (zero,), textbook=True))
         edge = min(each.body.edge for each in self.stretches)
         return found + [self.hum(line) for line in MAINS if line < 0.9 * edge]
 
     def hum(self, line: float) -> Family:
         """Of the mains, at a frequency that is the same in all recordings."""
-        names = list(dict.fromkeys(each.body.name for each in self.stretches))
+        names = self.recordings
 
         def force(values: Floats, body: Body) -> Floats:
             if body.name not in names:
@@ -224,7 +230,7 @@ class BodyRig:
         for name in names:
             unknowns += coefficients(f"hum {name}", 2, SOFT * self.scale.force)
         term = Nonlinear(f"hum {line:g} Hz", tuple(unknowns), force, says=self.hums)
-        return Family(f"mains-hum {line:g} Hz", "mains-hum", (term,), textbook=True)
+        return Family(term.name, "hum", (term,), textbook=True)
 
     def delays(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """The channel that comes later, and by how much."""
@@ -280,8 +286,8 @@ class BodyRig:
         brake = Forces("position damping", coefficients("brake", 3, unit), brakes)
         drift = Forces("drift", coefficients("drift", 3, unit), grows)
         return [
-            Family(brake.name, brake.name, (brake,), outside="it brakes more in some positions than in others"),
-            Family(drift.name, drift.name, (drift,), outside="it grows with the time in the recording"),
+            Family(brake.name, brake.name, (brake,), sentence="it brakes more in some positions than in others"),
+            Family(drift.name, drift.name, (drift,), sentence="it grows with the time in the recording"),
         ]
 
     def at_own_frequency(self, fitted: Fitted, there: Collection[str], pool: Executor) -> list[Family]:
@@ -307,7 +313,7 @@ class BodyRig:
         term = Forces("ripple", coefficients("ripple", 2, SOFT * self.scale.force), waves)
         text = f"it is periodic in the position, once every {1e3 * length:.3g} mm"
         # as is the spring's law, it is one of the position
-        return Family("ripple", "spring", (term,), outside=text)
+        return Family("ripple", "spring", (term,), sentence=text)
 
     def tone(self, fitted: Fitted) -> Family | None:
         """A force that goes on at a frequency of its own, at that of the largest periodogram of what is left."""
@@ -325,7 +331,7 @@ class BodyRig:
             power += np.interp(tried, np.fft.rfftfreq(8 * longest, 1.0 / per_row), whole)
         top = int(np.clip(np.argmax(power), 1, tried.size - 2))
         frequency = float(tried[top] + peak_offset(*power[top - 1 : top + 2]) * (tried[1] - tried[0]))
-        names = list(dict.fromkeys(each.body.name for each in self.stretches))
+        names = self.recordings
 
         def waves(body: Body) -> Floats:
             made = np.zeros((2 * len(names), body.velocity.size))
@@ -336,7 +342,7 @@ class BodyRig:
 
         term = Forces("tone", coefficients("tone", 2 * len(names), SOFT * self.scale.force), waves)
         text = f"it is periodic in time, at {frequency:.3g} Hz"
-        return Family("tone", "tone", (term,), outside=text, tried=tried.size)
+        return Family("tone", "tone", (term,), sentence=text, tried=tried.size)
 
     # --- the library's equations
 
@@ -349,7 +355,7 @@ class BodyRig:
     def mechanisms_of(self, family: Family) -> set[str]:
         """The library's mechanisms that a family may turn out to be."""
         places = {term.place for term in family.terms if isinstance(term, Curve)}
-        found = {family.mechanism, family.group} | {each.effect for each in self.equations(places)}
+        found = {family.mechanism} | {each.effect for each in self.equations(places)}
         return found & set(REGISTRY)
 
     def equations(self, places: Collection[int]) -> list[Equation]:
@@ -449,7 +455,7 @@ class BodyRig:
         term = family.terms[0]
         if isinstance(term, Curve) and term.place == SPRING:
             law, x = fitted.values_of(term.name) @ term.basis, self.axes.points(SPRING)
-            return kind_of_spring(x, law) if nearest in ("", family.mechanism) else nearest
+            return mechanism_of_law(kind_of_spring(x, law)) if nearest in ("", family.mechanism) else nearest
         return nearest or family.mechanism
 
 

@@ -21,8 +21,9 @@ from scipy.signal import cont2discrete, lfilter, upfirdn
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.coupling import ADDED
-from drillenv.diagnosis.noise import dead_band, quantum
+from drillenv.diagnosis.noise import dead_band, peak_offset, quantum
 from drillenv.recordings import Campaign, Recording
+from drillenv.recordings.signal_faults import stretches
 from drillenv.rig import Rig, Setting
 
 SHORTEST_FLIGHT = 12
@@ -299,8 +300,7 @@ def lag(
     top = int(np.argmax(products))
     if not 0 < top < 2 * reach:
         return 0.0
-    before, at, after = products[top - 1 : top + 2]
-    return (top - reach + 0.5 * (before - after) / (before - 2 * at + after)) / rate
+    return (top - reach + peak_offset(*products[top - 1 : top + 2])) / rate
 
 
 def common_lag(data: Sequence[Conditioned], rig: Rig) -> float:
@@ -323,8 +323,7 @@ def contacts(force: np.ndarray, noise: float) -> np.ndarray:
     on = force > TOUCH * noise
     # a single quiet sample within a contact, or a single loud one in flight, is noise
     on = on & (np.roll(on, 1) | np.roll(on, -1))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
-    found = edges.reshape(-1, 2)
+    found = np.array(stretches(on), dtype=int).reshape(-1, 2)
     return found[found[:, 1] < force.size]
 
 
@@ -540,7 +539,9 @@ def _state_at(s: int, touches, force, acceleration, rate: float, y, closing, noi
     peak = int(coming[0] + np.argmax(force[coming[0] : coming[1]]))
     # speed at every sample from s to the peak, zero at the peak
     gained = np.concatenate([[0.0], np.cumsum(0.5 * (acceleration[s:peak] + acceleration[s + 1 : peak + 1])) * step])
-    offset = _peak_offset(force, peak) * step * acceleration[peak]
+    # where the top of the force lies, in samples from its largest one
+    top = peak_offset(*force[peak - 1 : peak + 2]) if 0 < peak < force.size - 1 else 0.0
+    offset = top * step * acceleration[peak]
     speed = gained - gained[-1] - offset
     first = int(coming[0])
     slope = max(force[min(first + 1, force.size - 1)] - force[first - 1], noise)
@@ -548,12 +549,3 @@ def _state_at(s: int, touches, force, acceleration, rate: float, y, closing, noi
     place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1])) * step])
     w = -float(np.interp(onset - s, np.arange(place.size), place))
     return float(y[s]), float(closing[s] + speed[0]), float(speed[0]), min(w, 0.0)
-
-
-def _peak_offset(force: np.ndarray, peak: int) -> float:
-    """Where the top of the force lies, in samples from its largest one."""
-    if not 0 < peak < force.size - 1:
-        return 0.0
-    before, at, after = force[peak - 1 : peak + 2]
-    bend = before - 2 * at + after
-    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0

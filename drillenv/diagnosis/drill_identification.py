@@ -12,42 +12,25 @@ from scipy.optimize import least_squares
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import (
-    DRIVE_LAG,
-    LOGARITHMS,
-    NUMBERS,
-    STRAIGHT,
-    Curve,
-    Equation,
-    Family,
-    Gain,
-    equations,
-)
-from drillenv.diagnosis.sensing import Sensor, response, textbook_sensors
+from drillenv.diagnosis.laws import DRIVE_LAG, LOGARITHMS, NUMBERS, STRAIGHT, Curve, Equation, Family, Gain, equations
+from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Model, Term
 from drillenv.dynamics.constitutive.places import DRIVE, LOADING, SPRING, UNLOADING
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
-LEVEL = 0.08
-"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 STARTS = 2
 """Starts of an equation that are followed to their end."""
 FARTHEST_SHIFT = 2.0
 """Share of its range by which a spring's law may be counted from elsewhere."""
 
-SENSORS: dict[str, tuple[str, ...]] = {
-    "accelerometer": ("accelerometer-resonance", "accelerometer-lowpass", "channel-delay"),
-    "channel-delay": ("channel-delay",),
-    "load-cell-inertia": ("load-cell-inertia",),
-    "sensor-offset": ("sensor-offset",),
-    "mains-hum": ("hum near 50 Hz", "hum near 60 Hz"),
-    "sensor-highpass": (),
-    "crosstalk": (),
+WITH_STATES = {
+    "air": ("air_stiffness", "air_rate"),
+    "mount": ("mount_gain", "mount_square", "mount_damping"),
 }
-"""Equations of sensors by the family whose law they may follow."""
+"""Numbers of the model that laws with states of their own set, by their group."""
 
 
 def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
@@ -171,11 +154,7 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
     """Places of a family's curves, and the numbers of the model that it changes."""
     places = [term.place for term in family.terms if isinstance(term, Curve)]
     numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
-    if family.group == "air-spring":
-        numbers = ["air_stiffness", "air_rate"]
-    if family.group == "rock-mount-compliance":
-        numbers = ["mount_gain", "mount_square", "mount_damping"]
-    return places, numbers
+    return places, [*WITH_STATES.get(family.group, numbers)]
 
 
 def rivals(fitted: Fitted, family: Family) -> list[Rival]:
@@ -183,8 +162,8 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
     if isinstance(family.terms[0], Sensor):
         names = [block.scene.name for block in fitted.blocks]
         rate = min(block.data.rate for block in fitted.blocks)
-        every = [each for each in textbook_sensors(names, rate) if each.name in SENSORS[family.group]]
-        if family.group == "mains-hum":
+        every = [each for each in textbook_sensors(names, rate) if each.effect in mechanisms_of(family)]
+        if family.group == "hum":
             every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
         constants = fitted.fit.shared[: len(fitted.hypothesis.terms[0].unknowns)]
         starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
@@ -198,17 +177,9 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
 
 def mechanisms_of(family: Family) -> set[str]:
     """The library's mechanisms that a family may turn out to be."""
-    found = {family.mechanism, family.group, *SENSORS.get(family.group, ())}
+    laws = RESPONSES if family.group == ACCELEROMETER else ()
+    found = {family.mechanism, *map(mechanism_of_law, laws)}
     return (found | {each.effect for each in equations(*places_of(family))}) & set(REGISTRY)
-
-
-def kind_of_response(term: Term, values: Floats, rate: float) -> str:
-    """What a frequency response is: one that rises resonates, one that falls is a low-pass, a level one a delay."""
-    frequency = np.linspace(100.0, min(4000.0, 0.35 * rate), 80)
-    gain = np.abs(response(term, values, frequency))  # type: ignore[arg-type]
-    if float(gain.max()) > 1.0 + LEVEL:
-        return "accelerometer-resonance"
-    return "accelerometer-lowpass" if float(gain.min()) < 1.0 - LEVEL else "channel-delay"
 
 
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:

@@ -10,25 +10,20 @@ import numpy as np
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import Recorded, kept_of, resized
-from drillenv.diagnosis.drill_identification import (
-    kind_of_response,
-    law_of,
-    mechanisms_of,
-    rivals,
-    taken_up,
-)
+from drillenv.diagnosis.drill_identification import law_of, mechanisms_of, rivals, taken_up
 from drillenv.diagnosis.drill_noise import Noise, noise_left, noise_of
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import MOUNT_LAW, Equivalent, Family, as_stated, axes_of, families, kind_of_spring
 from drillenv.diagnosis.noise import nuisance
 from drillenv.diagnosis.selection import best_frequency
-from drillenv.diagnosis.sensing import Sensor, sensor_families
+from drillenv.diagnosis.sensing import ACCELEROMETER, Sensor, kind_of_response, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
 from drillenv.diagnosis.terms import Hypothesis
 from drillenv.dynamics.constitutive.places import SPRING
+from drillenv.dynamics.effects import mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
 
@@ -84,7 +79,7 @@ class DrillRig:
         seconds = max(block.data.force.size / block.data.rate for block in fitted.blocks)
         found = []
         for kind in KINDS:
-            tried = np.zeros(0) if kind.mechanism in there else frequencies(kind, seconds)
+            tried = np.zeros(0) if kind.name in there else frequencies(kind, seconds)
             if tried.size:
                 # of several channels, the first shows the frequency
                 first = kind.channels[:1]
@@ -106,15 +101,15 @@ class DrillRig:
 
     def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
         """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""
-        if isinstance(family.terms[0], Sensor) and family.group == "accelerometer":
+        if isinstance(family.terms[0], Sensor) and family.group == ACCELEROMETER:
             rate = min(block.data.rate for block in fitted.blocks)
-            return kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate)
+            return mechanism_of_law(kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate))
         if nearest:
             return nearest
         if family.group != "spring":
             return family.mechanism
         law = law_of(fitted, family.terms, fitted.blocks[0].scene).curve(SPRING)
-        return kind_of_spring(fitted.hypothesis.axes.points(SPRING), law)
+        return mechanism_of_law(kind_of_spring(fitted.hypothesis.axes.points(SPRING), law))
 
 
 DRILL = DrillRig()

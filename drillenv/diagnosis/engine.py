@@ -13,13 +13,7 @@ from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, change_of, table_of
 from drillenv.diagnosis.terms import DRIVE_PHASE, SCALARS, Law, Model
-from drillenv.dynamics.constitutive.places import (
-    PLACES,
-    RATE_FACTOR,
-    RATE_FORCE,
-    UNLOADING,
-    shape_of,
-)
+from drillenv.dynamics.constitutive.places import PLACES, RATE_FACTOR, RATE_FORCE, UNLOADING, shape_of
 from drillenv.dynamics.constitutive.tables import DEGREE, FIT, NODES, Table
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form

@@ -6,6 +6,7 @@ stretches of them) are drawn with replacement for an interval (B. Efron, Annals 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from drillenv.diagnosis.thresholds import WELL_EXPLAINED
 Verdict = Literal["agrees", "parameters", "missing-physics", "unexplained"]
 DRAWS = 2000
 SEED = 20_190_419
+AGREED = "What is left is noise within the stated tolerances of the constants."
 
 
 class Explained(NamedTuple):
@@ -79,3 +81,12 @@ def classify(found: bool, outside: bool, off: bool, left: bool, share: Explained
     if found:
         return "missing-physics"
     return "parameters" if off else "agrees"
+
+
+def surplus(cells: Sequence[Mapping[str, Any]], *keys: str) -> dict[tuple[str, ...], float]:
+    """By how much squares exceed the noise in cells of a report, summed over those that are alike by ``keys``."""
+    found: dict[tuple[str, ...], float] = {}
+    for each in cells:
+        alike = tuple(each[key] for key in keys)
+        found[alike] = found.get(alike, 0.0) + (each["mean_square"] - 1.0) * each["samples"]
+    return found

@@ -11,19 +11,20 @@ import numpy as np
 from drillenv.corrected import Corrected
 from drillenv.diagnosis.constants import NAMES
 from drillenv.diagnosis.drill_identification import law_of
+from drillenv.diagnosis.evidence import AGREED, surplus
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
 from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response, quantity
-from drillenv.diagnosis.naming import MOST, effect_of
+from drillenv.diagnosis.naming import MOST
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import Step, Tested
-from drillenv.diagnosis.sensing import Added, Sensor
+from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG
 from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.verdict import Outcome, Settled, settled_of, wrong_constants
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
-from drillenv.dynamics.effects import REGISTRY, Chosen, make
+from drillenv.dynamics.effects import REGISTRY, Chosen, Effect, make
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
 from drillenv.rig import FREQUENCY_RANGE, PRESSURE_RANGE, Rig
@@ -44,21 +45,6 @@ def deviations(fitted: Fitted) -> Floats:
     return np.sqrt(np.diag(fitted.fit.covariance) * max(1.0, fitted.per_freedom)) * widths
 
 
-def parameters(final: Fitted) -> dict[str, Any]:
-    """Constants that are off by several of their tolerances."""
-    spread = deviations(final)
-    found = {}
-    for i in wrong_constants(final):
-        unknown = final.hypothesis.unknowns[i]
-        found[unknown.name] = {
-            "value": float(final.values[i]),
-            "std": float(spread[i]),
-            "unit": unknown.unit,
-            "nominal": float(unknown.value),
-        }
-    return found
-
-
 def constants_found(outcome: Outcome) -> dict[str, Any]:
     """Every constant of the rig, as it was fitted beside what was found, and as the lab states it."""
     final = outcome.final
@@ -71,6 +57,13 @@ def constants_found(outcome: Outcome) -> dict[str, Any]:
         }
         for each, value, std in found
     }
+
+
+def parameters(outcome: Outcome) -> dict[str, Any]:
+    """Constants that are off by several of their tolerances."""
+    every, names = constants_found(outcome), [each.name for each in outcome.final.hypothesis.unknowns]
+    off = [names[i] for i in wrong_constants(outcome.final)]
+    return {name: {key: every[name][key] for key in ("value", "std", "unit", "nominal")} for name in off}
 
 
 def findings(outcome: Outcome) -> list[dict[str, Any]]:
@@ -94,13 +87,12 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
         "evidence": {
             "gain": round(step.gain, 1),
             "freedom": step.freedom,
-            "equation": effect.equation if named.equation is not None else "none of the library's: see the law",
-            "source": effect.source,
+            **cited(effect, named.equation is not None),
         },
     }
     terms = step.terms
     if isinstance(terms[0], Added):
-        entry["parameters"] = entry["parameters"] or stated_by(final, terms[0])
+        entry["parameters"] = entry["parameters"] or parameters_of(final, terms[0], deviations(final))
     elif isinstance(terms[0], Sensor):
         if named.equation is None:
             entry["parameters"] = summed_up(final, terms[0])
@@ -111,18 +103,18 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
     return entry
 
 
+def cited(effect: Effect, exact: bool) -> dict[str, str]:
+    """The equation of a mechanism, where its law follows it, and where that is published."""
+    equation = effect.equation if exact else "none of the library's: see the law"
+    return {"equation": equation, "source": effect.source}
+
+
 def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:
     """What a sensor's free law comes to, in numbers."""
     inside = indices_of(final, [term])
     widths = np.array([each.width for each in term.unknowns])
     covariance = final.fit.covariance[np.ix_(inside, inside)] * np.outer(widths, widths) * max(1.0, final.per_freedom)
     return {name: quantity(*each) for name, each in term.summed_up(final.values[inside], covariance).items()}
-
-
-def stated_by(final: Fitted, term: Term) -> dict[str, Any]:
-    """Parameters of a law in words of its own."""
-    inside = indices_of(final, [term])
-    return term.stated(final.values[inside], deviations(final)[inside])
 
 
 def form_of(step: Step) -> str:
@@ -136,11 +128,11 @@ def form_of(step: Step) -> str:
 def strengths(final: Fitted, step: Step) -> dict[str, Any]:
     """Parameters of a step's equation by symbol."""
     assert step.named.equation is not None
-    return parameters_of_equation(final, step.named.equation, deviations(final))
+    return parameters_of(final, step.named.equation, deviations(final))
 
 
-def parameters_of_equation(fitted: Fitted, equation: Term, spread: Floats) -> dict[str, Any]:
-    """Parameters of an equation by symbol; ``spread`` are standard deviations of all parameters."""
+def parameters_of(fitted: Fitted, equation: Term, spread: Floats) -> dict[str, Any]:
+    """Parameters of an equation, or of a law in words of its own; ``spread`` are standard deviations of all."""
     inside = indices_of(fitted, [equation])
     term = next(each for each in fitted.hypothesis.terms if each.name == equation.name)
     return term.stated(fitted.values[inside], spread[inside])
@@ -155,7 +147,7 @@ def equivalents(step: Step) -> list[str]:
     most = (
         MOST * step.gain if step.named.equation is None else min(worse for _, worse in nearest or [(None, 0.0)]) + EQUAL
     )
-    named = {effect_of(equation) for equation, worse in nearest if worse < most}
+    named = {equation.effect for equation, worse in nearest if worse < most}
     close = [family for family, other in step.rivals if other.cost - step.found < EQUAL and not family.constant]
     alike = named | {family.mechanism for family in close}
     return sorted(alike - {step.named.mechanism})
@@ -263,8 +255,7 @@ def excess(outcome: Outcome) -> list[dict[str, Any]]:
 def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
     """Balance, regimes and recordings of the mismatch, and a sentence."""
     if outcome.verdict == "agrees":
-        text = "What is left is noise within the stated tolerances of the constants."
-        return {"balance": None, "regimes": [], "recordings": [], "summary": text}
+        return {"balance": None, "regimes": [], "recordings": [], "summary": AGREED}
     if outcome.verdict == "parameters":
         names = [outcome.final.hypothesis.unknowns[i].name for i in wrong_constants(outcome.final)]
         return {
@@ -332,7 +323,7 @@ def rest(outcome: Outcome) -> dict[str, Any]:
     left = [(each.block.measured - one.reading)[:, each.block.steady] for each, one in zip(every, found, strict=True)]
     whole = np.concatenate([each.block.measured[:, each.block.steady] for each in every], axis=1)
     white = np.concatenate([one.residual for one in found], axis=1)
-    for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2"))):
+    for j, (channel, unit) in enumerate(CHANNELS):
         over = float(np.mean(white[j] ** 2))
         root = float(np.sqrt(np.mean(np.concatenate([each[j] for each in left]) ** 2)))
         excess, size = root * math.sqrt(max(1.0 - 1.0 / over, 0.0)), float(np.std(whole[j]))
@@ -407,11 +398,9 @@ def what_to_record(outcome: Outcome, cells: Sequence[Mapping[str, Any]]) -> list
 
 def most_left(cells: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     """Channel and regime in which most is left beyond the noise."""
-    excess_in: dict[tuple[str, str], float] = {}
-    for each in cells:
-        key = each["channel"], each["regime"]
-        excess_in[key] = excess_in.get(key, 0.0) + (each["mean_square"] - 1.0) * each["samples"]
-    return max(excess_in, key=lambda key: excess_in[key])
+    beyond = surplus(cells, "channel", "regime")
+    channel, regime = max(beyond, key=lambda key: beyond[key])
+    return channel, regime
 
 
 def remarks(outcome: Outcome) -> list[str]:
@@ -436,7 +425,7 @@ def remarks(outcome: Outcome) -> list[str]:
 def noise_floors(outcome: Outcome) -> list[str]:
     """Channels on which no noise is seen beside the steps of their converter."""
     said = []
-    for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2"))):
+    for j, (channel, unit) in enumerate(CHANNELS):
         data = [(each.block.noise[j].std, each.block.data) for each in outcome.every]
         least = [(std, each.quanta[j] / math.sqrt(12.0), math.sqrt(each.thinned)) for std, each in data]
         floors = [floor * thinned for std, floor, thinned in least if std <= 1.001 * floor]
@@ -460,7 +449,7 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
         said = [predicted(each).reading[:, inside] for each in (before, after)]
         traces = tuple(
             Trace(channel, unit, block.measured[j, inside], said[0][j], said[1][j])
-            for j, (channel, unit) in enumerate((("force", "N"), ("acceleration", "m/s^2")))
+            for j, (channel, unit) in enumerate(CHANNELS)
         )
         made.append(Wave(block.scene.name, i >= len(fitted), time, traces))
     return tuple(made)
@@ -474,7 +463,7 @@ def record_of(outcome: Outcome, faults: list[str], left_out: Sequence[str] = ())
         "verdict": outcome.verdict,
         "where": where(outcome, cells),
         "findings": findings(outcome) if explained else [],
-        "parameters": parameters(outcome.final) if explained else {},
+        "parameters": parameters(outcome) if explained else {},
         "bookkeeping": [each.record for each in outcome.labels],
         "explained": outcome.explained.record if outcome.steps else None,
         "rest": rest(outcome),

@@ -31,7 +31,7 @@ from drillenv.dynamics.constitutive.places import (
     WAVEFORM,
 )
 from drillenv.dynamics.constitutive.places import PLACES as EVERY_PLACE
-from drillenv.dynamics.effects import REGISTRY, Parameter
+from drillenv.dynamics.effects import REGISTRY, Parameter, mechanism_of_law
 from drillenv.dynamics.forms import Form
 from drillenv.dynamics.hybrid import vector_field as V
 
@@ -72,6 +72,8 @@ MOST_IMPACTS = 1000.0
 NO_FORM = Form("", (), ())
 MOUNT_LAW = "mount law"
 """The family that corrects a mount, where there is one."""
+HARDENING, SATURATING = "hardening spring", "saturating spring"
+"""What a spring's law may be."""
 
 
 @dataclass(frozen=True)
@@ -282,12 +284,12 @@ class Family:
 
     name: str
     group: str
-    """Families that are the same mechanism at another time constant or frequency have one group."""
+    """The name of its law. Families of the same law at another time constant or frequency have one group."""
     terms: tuple[Term, ...]
     known_as: str = ""
-    """The mechanism where no equation of the library tells which; the group's name where empty."""
-    outside: str = ""
-    """A sentence for what no mechanism of the library is: such a family says what a campaign is ``unexplained`` by."""
+    """The mechanism where no equation of the library tells which; where empty, the one that claims the group's law."""
+    sentence: str = ""
+    """What is said of it where no mechanism of the library claims its law."""
     textbook: bool = False
     """Whether its law is the library's equation."""
     tried: int = 1
@@ -297,8 +299,13 @@ class Family:
 
     @property
     def mechanism(self) -> str:
-        """The name of the mechanism as the recording format has it."""
-        return self.known_as or self.group
+        """The name of the mechanism in the library; that of the law where none claims it."""
+        return self.known_as or mechanism_of_law(self.group)
+
+    @property
+    def outside(self) -> str:
+        """A sentence for what no mechanism of the library is: it says what a campaign is ``unexplained`` by."""
+        return self.sentence if self.mechanism == self.group else ""
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -377,9 +384,9 @@ def _contact(free: FreeLaws) -> list[Family]:
     # a face that has been hit for long changes no more
     compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:5])
     return [
-        Family("contact-law", "contact-law", law, "contact-power-law"),
-        Family("contact-rate", "contact-rate", rate),
-        Family("rock-compaction", "rock-compaction", (compaction,)),
+        Family("contact law", "contact law", law),
+        Family("contact speed", "contact speed", rate),
+        Family("compaction", "compaction", (compaction,)),
     ]
 
 
@@ -388,9 +395,9 @@ def _coupling(free: FreeLaws) -> list[Family]:
     play = free.curve("spring-from-rest", 10.0, SPRING_FROM_REST, free.splines(12))
     damper = free.curve("damper", 10.0, DAMPER, free.over_speed(9, DAMPER))
     return [
-        Family("spring", "spring", (spring,), "stiffness-hardening"),
-        Family("backlash", "backlash", (play,)),
-        Family("damper", "damper", (damper,), "damping-quadratic"),
+        Family("spring", "spring", (spring,), mechanism_of_law(HARDENING)),
+        Family("play", "play", (play,)),
+        Family("damper", "damper", (damper,)),
     ]
 
 
@@ -398,8 +405,8 @@ def _friction(free: FreeLaws) -> list[Family]:
     guide = free.curve("guide", 10.0, GUIDE, free.odd_over_speed(GUIDE))
     indenter = free.curve("indenter", 10.0, INDENTER, free.odd_over_speed(INDENTER))
     return [
-        Family("guide-friction", "guide-friction", (guide,)),
-        Family("indenter-friction", "indenter-friction", (indenter,)),
+        Family("guide", "guide", (guide,)),
+        Family("indenter", "indenter", (indenter,)),
     ]
 
 
@@ -414,9 +421,9 @@ def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
         Gain("phase", coefficients("phase", knots.size, 0.05), DRIVE_PHASE, knots),
     )
     return [
-        Family("drive-harmonics", "drive-harmonics", (waveform,)),
-        Family("force-limit", "force-limit", (limit,)),
-        Family("drive-droop", "drive-droop", droop),
+        Family("waveform", "waveform", (waveform,)),
+        Family("drive", "drive", (limit,)),
+        Family("drive gain", "drive gain", droop),
     ]
 
 
@@ -424,10 +431,10 @@ def _remembering() -> list[Family]:
     """Families with states of their own, at several time constants and frequencies."""
     found = []
     for tau in (0.06, 0.4):
-        found.append(Family(f"air-spring {tau:g} s", "air-spring", (Air("air", coefficients("air", 1, 1e4), tau),)))
+        found.append(Family(f"air {tau:g} s", "air", (Air("air", coefficients("air", 1, 1e4), tau),)))
     for f in (60.0, 150.0, 380.0):
         mode = Mount("mount", coefficients("mount", 1, 0.01), f)
-        found.append(Family(f"rock-mount-compliance {f:g} Hz", "rock-mount-compliance", (mode,)))
+        found.append(Family(f"mount {f:g} Hz", "mount", (mode,)))
     return found
 
 
@@ -485,7 +492,7 @@ def _mounting(free: FreeLaws) -> Family:
     """What a mount that is one mass on spring and damper is corrected by: it stiffens, or its clamps are dry."""
     spring = free.curve("mount-spring", 5.0, MOUNT_SPRING, free.splines(8))
     damper = free.curve("mount-damper", 5.0, MOUNT_DAMPER, free.odd_over_speed(MOUNT_DAMPER))
-    return Family(MOUNT_LAW, "rock-mount-compliance", (spring, damper))
+    return Family(MOUNT_LAW, "mount", (spring, damper))
 
 
 def as_stated(hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
@@ -532,10 +539,10 @@ def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0
 
 
 def kind_of_spring(x: Floats, law: Floats) -> str:
-    """What a spring's law (n,) is: one that is softer at its ends than in its middle saturates, any other hardens."""
+    """What a spring's law (n,) is: saturating where it is softer at its ends than in its middle, else hardening."""
     thirds = zip(np.array_split(x, 3), np.array_split(law, 3), strict=True)
     low, middle, high = (np.polyfit(at, y, 1)[0] for at, y in thirds)
-    return "force-limit" if 0.5 * (low + high) < middle else "stiffness-hardening"
+    return SATURATING if 0.5 * (low + high) < middle else HARDENING
 
 
 def normalised(basis: Floats) -> Floats:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.laws import Curve, Equation, Family
 from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
@@ -32,6 +33,7 @@ from drillenv.dynamics.constitutive.places import (
     SPRING_FROM_REST,
     WAVEFORM,
 )
+from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.hybrid import vector_field as V
 
 POINTS = 61
@@ -103,20 +105,18 @@ def _ends(axes: Axes, place: int) -> tuple[float, float]:
 
 def _contact_law(axes: Axes, top: float) -> Shown:
     """Force over depth while loading, beyond that of the straight law: w' = kappa d' integrated; ``top`` is of w."""
-    x = np.linspace(0.0, top, POINTS)
+    x, w = np.linspace(0.0, top, POINTS), np.linspace(0.0, 1.5 * top, 1500)
 
-    def y(model: Model) -> Floats:
-        w = np.linspace(0.0, 1.5 * top, 1500)
+    def depth(model: Model) -> Floats:
         kappa = np.exp(_at(model, axes, LOADING, w))
-        depth = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
-        return model.s[V.KL] * (np.interp(x, depth, w) - x)
+        return np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
-        w = np.linspace(0.0, 1.5 * top, 1500)
-        kappa = np.exp(_at(motion.model, axes, LOADING, w))
-        depth = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
         loading = (motion.path[V.W] > 0.0) & (motion.path[V.V2] > 0.0)
-        return np.interp(motion.path[V.W][loading], w, depth), motion.contact[loading]
+        return np.interp(motion.path[V.W][loading], w, depth(motion.model)), motion.contact[loading]
+
+    def y(model: Model) -> Floats:
+        return model.s[V.KL] * (np.interp(x, depth(model), w) - x)
 
     return Shown("depth, loading", "m", "N", x, y, seen, straight=True)
 
@@ -172,29 +172,29 @@ def _spring(axes: Axes, ends: tuple[float, float], model: Model) -> Shown:
     return Shown("shortening of the coupling", "m", "N", x, y, seen, straight=True)
 
 
-def _over_spring(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[V.Y], motion.push
+def _play_of(motion: Motion) -> tuple[Floats, Floats]:
+    return from_rest(motion.path[V.Y], motion.model), motion.push
 
 
-def _over_play(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[V.Y] - motion.model.s[V.F_B] / motion.model.s[V.K], motion.push
-
-
-def _over_damper(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[V.V1] - motion.path[V.V2], motion.push
-
-
-def _over_indenter(motion: Motion) -> tuple[Floats, Floats]:
-    return motion.path[V.V2], -motion.push
-
-
-def _over_phase(motion: Motion) -> tuple[Floats, Floats]:
+def _phase_of(motion: Motion) -> tuple[Floats, Floats]:
     return np.mod(motion.theta, 2.0 * np.pi), motion.push / motion.model.s[V.F_A]
 
 
-def _over_drive(motion: Motion) -> tuple[Floats, Floats]:
+def _drive_of(motion: Motion) -> tuple[Floats, Floats]:
     s = motion.model.s
     return s[V.F_A] * np.sin(motion.theta + s[DRIVE_PHASE]), motion.push
+
+
+PLAIN: dict[str, tuple[int, str, str, str, Seen | None]] = {
+    "spring": (SPRING, "shortening of the coupling", "m", "N", lambda m: (m.path[V.Y], m.push)),
+    "play": (SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _play_of),
+    "damper": (DAMPER, "closing speed of the coupling", "m/s", "N", lambda m: (m.path[V.V1] - m.path[V.V2], m.push)),
+    "guide": (GUIDE, "speed of the shaker body", "m/s", "N", None),
+    "indenter": (INDENTER, "speed of the indenter", "m/s", "N", lambda m: (m.path[V.V2], -m.push)),
+    "waveform": (WAVEFORM, "phase of the excitation", "rad", "1", _phase_of),
+    "drive": (DRIVE, "force asked of the drive", "N", "N", _drive_of),
+}
+"""By group of laws that are one curve: its place, argument, its unit, that of the law, and what samples say of it."""
 
 
 def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, visited: Visited) -> Shown:
@@ -203,28 +203,19 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
     if family.group == "spring" and isinstance(terms[0], Curve):
         model = fitted.hypothesis.model(fitted.values, fitted.blocks[0].scene)
         return _spring(axes, _ends(visited.axes, SPRING), model)
-    plain = {
-        "spring": (SPRING, "shortening of the coupling", "m", "N", _over_spring),
-        "backlash": (SPRING_FROM_REST, "shortening beyond that at rest", "m", "N", _over_play),
-        "damper": (DAMPER, "closing speed of the coupling", "m/s", "N", _over_damper),
-        "guide-friction": (GUIDE, "speed of the shaker body", "m/s", "N", None),
-        "indenter-friction": (INDENTER, "speed of the indenter", "m/s", "N", _over_indenter),
-        "drive-harmonics": (WAVEFORM, "phase of the excitation", "rad", "1", _over_phase),
-        "force-limit": (DRIVE, "force asked of the drive", "N", "N", _over_drive),
-    }
-    if family.group in plain:
-        return _plain(axes, _ends(visited.axes, plain[family.group][0]), *plain[family.group])
-    if family.group == "contact-law":
+    if family.group in PLAIN:
+        return _plain(axes, _ends(visited.axes, PLAIN[family.group][0]), *PLAIN[family.group])
+    if family.group == "contact law":
         return _contact_law(axes, _ends(visited.axes, LOADING)[1])
-    if family.group == "contact-rate":
+    if family.group == "contact speed":
         return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], depth)
-    if family.group == "rock-compaction":
+    if family.group == "compaction":
         x = np.linspace(0.0, 120.0, POINTS)
         return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, COMPACTION, x))
-    if family.group == "air-spring":
+    if family.group == "air":
         x = np.linspace(0.0, 1e-3, POINTS)
         return Shown("sudden advance of the shaker body", "m", "N", x, lambda m: m.s[V.AIR_STIFFNESS] * x)
-    if family.group == "rock-mount-compliance":
+    if family.group == "mount":
         x = np.linspace(0.0, 5e3, POINTS)
 
         def give(m: Model) -> Floats:
@@ -255,10 +246,28 @@ def indices_of(fitted: Fitted, terms: Sequence[Term]) -> list[int]:
     return [i for term in terms for i in found[term.name]]
 
 
-def band(fitted: Fitted, inside: Sequence[int], jacobian: Floats) -> Floats:
-    """Standard deviation of a curve with the derivatives (x, parameters) by parameters in the solver's units."""
+def with_spread(
+    fitted: Fitted, inside: Sequence[int], curve: Callable[[Floats], Floats], step: float = 1e-3
+) -> tuple[Floats, Floats]:
+    """A curve (n,) and its standard deviation; it follows the parameters ``inside``, in the solver's units."""
+    at = fitted.fit.shared[inside]
+    y = curve(at)
+    slopes = np.array([(curve(at + move) - y) / step for move in step * np.eye(at.size)])
     covariance = fitted.fit.covariance[np.ix_(inside, inside)] * max(1.0, fitted.per_freedom)
-    return np.sqrt(np.maximum(np.einsum("xi,ij,xj->x", jacobian, covariance, jacobian), 0.0))
+    return y, np.sqrt(np.maximum(np.einsum("ix,ij,jx->x", slopes, covariance, slopes), 0.0))
+
+
+def law_record(argument: str, argument_unit: str, unit: str, x: Floats, y: Floats, spread: Floats) -> dict[str, Any]:
+    """A curve (n,) with its 95 % band, as ``law`` of a report."""
+    return {
+        "argument": argument,
+        "argument_unit": argument_unit,
+        "unit": unit,
+        "x": x.tolist(),
+        "y": y.tolist(),
+        "low": (y - BAND * spread).tolist(),
+        "high": (y + BAND * spread).tolist(),
+    }
 
 
 def motions_left(fitted: Fitted) -> list[Motion]:
@@ -318,31 +327,22 @@ def measured_law(
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
     display = shown(family, terms, fitted, depth, visited)
-    own_indices = indices_of(fitted, terms)
-    at = fitted.fit.shared
-    y = curve_of(fitted, display, terms, at)
-    slopes = []
-    for i in own_indices:
-        ahead = at.copy()
-        ahead[i] += 1e-3
-        slopes.append((curve_of(fitted, display, terms, ahead) - y) / 1e-3)
-    spread = band(fitted, own_indices, np.array(slopes).T)
-    law = {
-        "argument": display.argument,
-        "argument_unit": display.argument_unit,
-        "unit": display.unit,
-        "x": display.x.tolist(),
-        "y": y.tolist(),
-        "low": (y - BAND * spread).tolist(),
-        "high": (y + BAND * spread).tolist(),
-    }
+    inside = indices_of(fitted, terms)
+
+    def curve(own: Floats) -> Floats:
+        shared = fitted.fit.shared.copy()
+        shared[inside] = own
+        return curve_of(fitted, display, terms, shared)
+
+    y, spread = with_spread(fitted, inside, curve)
+    law = law_record(display.argument, display.argument_unit, display.unit, display.x, y, spread)
     seen = partial_residuals(fitted, display, y)
     if seen is not None:
         law["partial_residuals"] = seen
     equation, values = nearest or (None, np.zeros(0))
     if isinstance(equation, Equation):
-        curve = nearest_curve(fitted, display, y, equation, values)
-        law["nearest"] = {"form": equation.name, "y": curve.tolist()}
+        near = nearest_curve(fitted, display, y, equation, values)
+        law["nearest"] = {"form": equation.name, "y": near.tolist()}
     return law
 
 
@@ -369,44 +369,35 @@ def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floa
 
 
 def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:
-    """What a sensor makes of a channel, as ``law`` of a report: gain less 1 or lag over frequency, or a force."""
+    """What a sensor makes of a channel, as ``law`` of a report.
+
+    By the unit of its mechanism's parameters: a lag over frequency (s), a force over acceleration (kg), else a gain
+    less 1 over frequency.
+    """
+    unit = REGISTRY[mechanism].parameters[0].unit
     rate = min(each.data.rate for each in fitted.blocks)
     frequency = np.linspace(50.0, min(0.35 * rate, 4000.0), POINTS)
     channels = (0, 0) if terms[0].name == "force lag" else (1, 1)
-    if mechanism == "load-cell-inertia":
+    if unit == "kg":
         channels = (1, 0)
 
-    def curve(values: Floats) -> Floats:
-        found, first = np.ones(POINTS, dtype=complex), 0
+    inside = indices_of(fitted, terms)
+    widths = np.array([each.width for term in terms for each in term.unknowns])
+
+    def curve(own: Floats) -> Floats:
+        found, first, values = np.ones(POINTS, dtype=complex), 0, own * widths
         for term in terms:
             found = found * response(term, values[first : first + len(term.unknowns)], frequency, *channels)
             first += len(term.unknowns)
-        if mechanism == "channel-delay":
+        if unit == "s":
             return -np.unwrap(np.angle(found)) / (2.0 * np.pi * frequency)
-        return np.real(found) if mechanism == "load-cell-inertia" else np.abs(found) - 1.0
+        return np.real(found) if unit == "kg" else np.abs(found) - 1.0
 
-    inside = indices_of(fitted, terms)
-    values = fitted.values[inside]
-    unknowns = [each for term in terms for each in term.unknowns]
-    y, slopes = curve(values), []
-    for i, unknown in enumerate(unknowns):
-        ahead = values.copy()
-        ahead[i] += 1e-3 * unknown.width
-        slopes.append((curve(ahead) - y) / 1e-3)
-    spread = band(fitted, inside, np.array(slopes).T)
-    law = {"argument": "frequency", "argument_unit": "Hz", "unit": "s" if mechanism == "channel-delay" else "1"}
-    x = frequency
-    if mechanism == "load-cell-inertia":
-        # a mass, by the force that it adds to an acceleration; the lowest frequencies carry most of it
-        every = np.concatenate([each.measured[1] for each in fitted.blocks])
-        low, high = np.percentile(every, [1.0, 99.0])
-        x = np.linspace(float(low), float(high), POINTS)
-        y, spread = x * y[:6].mean(), np.abs(x) * spread[:6].mean()
-        law = {"argument": "acceleration", "argument_unit": "m/s^2", "unit": "N"}
-    return {
-        **law,
-        "x": x.tolist(),
-        "y": y.tolist(),
-        "low": (y - BAND * spread).tolist(),
-        "high": (y + BAND * spread).tolist(),
-    }
+    y, spread = with_spread(fitted, inside, curve)
+    if unit != "kg":
+        return law_record("frequency", "Hz", "s" if unit == "s" else "1", frequency, y, spread)
+    # a mass, by the force that it adds to an acceleration; the lowest frequencies carry most of it
+    every = np.concatenate([each.measured[1] for each in fitted.blocks])
+    low, high = np.percentile(every, [1.0, 99.0])
+    x = np.linspace(float(low), float(high), POINTS)
+    return law_record("acceleration", "m/s^2", "N", x, x * y[:6].mean(), np.abs(x) * spread[:6].mean())

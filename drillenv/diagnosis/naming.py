@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.diagnosis.fitting import Fitted, fit_to
-from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
+from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR
@@ -43,13 +43,6 @@ class Named:
     def does_as_well(worse: float, gain: float, freedom: int) -> bool:
         """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one."""
         return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + LAW_ERROR**2 * gain
-
-
-def effect_of(term: Term) -> str:
-    """The name of an equation's effect."""
-    if isinstance(term, Equation):
-        return term.effect
-    return "mains-hum" if term.name.startswith("hum") else term.name
 
 
 def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[Hypothesis, Floats]:
@@ -140,7 +133,7 @@ def name_law(
     best, found = tried[0]
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
     explains = found.cost - fitted.cost < MOST * gain
-    mechanism = fitted.hypothesis.rig.mechanism_of(fitted, family, effect_of(best) if explains else "")
+    mechanism = fitted.hypothesis.rig.mechanism_of(fitted, family, best.effect if explains else "")
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
-        return Named(family, effect_of(best), best, nearest, (best, found.values_of(best.name))), found
+        return Named(family, best.effect, best, nearest, (best, found.values_of(best.name))), found
     return Named(family, mechanism, None, nearest, (best, found.values_of(best.name))), fitted

@@ -246,6 +246,12 @@ def _refined(samples: Floats, frequency: float) -> float:
     return frequency + float(found.x)
 
 
+def peak_offset(before: float, peak: float, after: float) -> float:
+    """Where a parabola through three values at -1, 0 and 1 is largest; 0 where the middle one is not the largest."""
+    bend = before - 2.0 * peak + after
+    return 0.5 * (before - after) / bend if peak >= max(before, after) and bend < 0.0 else 0.0
+
+
 def quantum(samples: ArrayLike) -> float:
     """The converter's step: the spacing of which all differences of values are multiples; 0 where there is none."""
     known = np.unique(np.asarray(samples, dtype=float))

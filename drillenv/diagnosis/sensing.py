@@ -19,7 +19,7 @@ from scipy.signal import cont2discrete, lfilter, oaconvolve
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Scene, Term, Unknown, mean_amplitude
-from drillenv.dynamics.effects import REGISTRY
+from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.rig import PUSH
 
 TWO_PI = 2.0 * math.pi
@@ -36,6 +36,11 @@ OVERDAMPED = 0.6
 CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
 GAINS = 2 * len(SLOW_CORNERS)
 """Of a high-pass, by channel and corner."""
+ACCELEROMETER = "accelerometer response"
+RISING, FALLING, LEVEL = RESPONSES = "rising response", "falling response", "level response"
+"""What the free response of an accelerometer may be."""
+NOT_LEVEL = 0.08
+"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,8 @@ class Sensor(Term):
     """Sensors act in rising order of it, as the library's: the load cell takes the acceleration as it truly is."""
     starts: tuple[dict[str, float], ...] = ()
     """Values from which to fit it, where zero does not do."""
+    effect: str = ""
+    """The mechanism of the library whose equation it is; none of a free law."""
 
     def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
         """(2, n) what it adds whatever the motion, of which ``first`` is the first sample."""
@@ -80,6 +87,15 @@ def response(term: Sensor, values: Floats, frequency: Floats, true: int = ACCELE
     middle, pulses = term.pulses(values, rate, seconds)
     turned = np.exp(-2j * math.pi * np.asarray(frequency) / rate)
     return np.polynomial.polynomial.polyval(turned, pulses[true, read]) * turned**-middle
+
+
+def kind_of_response(term: Sensor, values: Floats, rate: float) -> str:
+    """The kind of a frequency response: one that rises resonates, one that falls is a low-pass, a level one a delay."""
+    frequency = np.linspace(100.0, min(4000.0, 0.35 * rate), 80)
+    gain = np.abs(response(term, values, frequency))
+    if float(gain.max()) > 1.0 + NOT_LEVEL:
+        return RISING
+    return FALLING if float(gain.min()) < 1.0 - NOT_LEVEL else LEVEL
 
 
 def _filtered(x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False) -> Floats:
@@ -331,18 +347,19 @@ def free_response(rings: Sequence[float]) -> Law:
     smooth = [f"lag {1e6 * lag:g} us" for lag in LAGS] + [f"low-pass {corner:g} Hz" for corner in CORNERS]
     parts = ("below", "band", "below again", "band again")[: 4 if len(rings) == 1 else 2]
     own = _free(smooth, 0.2) + _free([f"ring {each:.0f} Hz {part}" for each in rings for part in parts], 0.1)
-    return Law("accelerometer response", own, 1, law=partial(_response, tuple(rings)))
+    return Law(ACCELEROMETER, own, 1, law=partial(_response, tuple(rings)))
 
 
 def added(names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown) -> Added:
     """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz."""
     # terms of a model are told apart by name, and a free law may correct the library's equation
     what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
+    effect = mechanism_of_law("hum") if first else ""
     waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
     for name in names:
         for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
             first += _free([f"{what}{wave} {channel} {name}" for wave in waves], width, unit)
-    return Added(what, first, stage, (), frequency, tuple(orders), tuple(names))
+    return Added(what, first, stage, (), effect, frequency, tuple(orders), tuple(names))
 
 
 def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
@@ -350,15 +367,19 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     rings = tuple({"f_a": each, "zeta_a": NARROW} for each in _resonators(24, rate))
     lags = tuple({"delay_f": 0.0, "delay_a": each} for each in (0.0, 1.5e-4, 3.5e-4, -1.5e-4))
     table = (
-        ("load-cell-inertia", _inertia, {"m_c": 0.02}, ({"m_c": 0.0},)),
-        ("accelerometer-resonance", _accelerometer, {"f_a": 50.0, "zeta_a": 0.01}, rings),
-        ("accelerometer-lowpass", _accelerometer, {"f_b": 200.0}, ({"f_b": 1500.0}, {"f_b": 500.0})),
-        ("channel-delay", _delay, {"delay_f": 2e-5, "delay_a": 2e-5}, lags),
+        ("load cell", _inertia, {"m_c": 0.02}, ({"m_c": 0.0},)),
+        (RISING, _accelerometer, {"f_a": 50.0, "zeta_a": 0.01}, rings),
+        (FALLING, _accelerometer, {"f_b": 200.0}, ({"f_b": 1500.0}, {"f_b": 500.0})),
+        ("lag", _delay, {"delay_f": 2e-5, "delay_a": 2e-5}, lags),
     )
-    laws = [Law(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, law) for name, law, widths, at in table]
-    hums = [added(names, line, (1,), *_own("mains-hum", {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
-    zero = _own("sensor-offset", {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
-    return [*laws, *hums, Added("sensor-offset", zero, 5)]
+    found: list[Sensor] = []
+    for free, law, widths, at in table:
+        name = mechanism_of_law(free)
+        found.append(Law(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, name, law))
+    hum, offset = mechanism_of_law("hum"), mechanism_of_law("offset")
+    found += [added(names, line, (1,), *_own(hum, {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
+    zero = _own(offset, {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
+    return [*found, Added(offset, zero, 5, effect=offset)]
 
 
 def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> list[Family]:
@@ -372,19 +393,18 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         for each in _free([f"charge {channel} {name}"], width, unit)
     ]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
-    found: dict[str, Sensor] = {
-        "accelerometer": free_response(_resonators(8, rate)),
-        "channel-delay": Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay),
-        "channel-delay of each recording": OwnDelays("own delays", delays, 3, names=tuple(names)),
-        "load-cell-inertia": Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia),
-        "sensor-offset": added(names),
-        **{f"mains-hum {line:g} Hz": added(names, line, (1, 2)) for line in (50.0, 60.0)},
-        "sensor-highpass": HighPass("high-pass", (*_free(gains, 0.2), *charges), 3, names=tuple(names)),
-        "crosstalk": Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk),
-    }
+    found: list[tuple[str, str, Sensor]] = [
+        (ACCELEROMETER, "", free_response(_resonators(8, rate))),
+        ("lag", "", Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
+        ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
+        ("load cell", "", Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia)),
+        ("offset", "", added(names)),
+        *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
+        ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *charges), 3, names=tuple(names))),
+        ("crosstalk", "", Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
+    ]
     if rings:
-        found |= {f"accelerometer {each:.0f} Hz": free_response((each,)) for each in _resonators(24, rate)}
-    known = {"accelerometer": "accelerometer-resonance"}
-    outside = {"crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled."}
-    groups = [(name, name.split()[0], term) for name, term in found.items()]
-    return [Family(name, its, (term,), known.get(its, ""), outside.get(its, "")) for name, its, term in groups]
+        found += [(ACCELEROMETER, f" {each:.0f} Hz", free_response((each,))) for each in _resonators(24, rate)]
+    known = {ACCELEROMETER: mechanism_of_law(RISING)}
+    said = {"crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled."}
+    return [Family(law + more, law, (term,), known.get(law, ""), said.get(law, "")) for law, more, term in found]

@@ -108,9 +108,10 @@ class Sinusoid(Term):
 
 
 class Kind(NamedTuple):
-    """A mechanism that goes on at a frequency of its own."""
+    """What goes on at a frequency of its own."""
 
-    mechanism: str
+    name: str
+    """Of its law."""
     symbol: str
     per_hertz: float
     channels: tuple[Channel, ...]
@@ -121,8 +122,8 @@ class Kind(NamedTuple):
 
 KINDS = (
     # above, the shaker's body hardly moves for such a force
-    Kind("external-vibration", "f", 1.0, (SHAKER, INDENTER), 5.0, 100.0),
-    Kind("rock-rotation", "Omega", TWO_PI, (STIFFNESS,), 0.8, 10.0),
+    Kind("vibration", "f", 1.0, (SHAKER, INDENTER), 5.0, 100.0),
+    Kind("rotation", "Omega", TWO_PI, (STIFFNESS,), 0.8, 10.0),
 )
 
 
@@ -144,7 +145,7 @@ def frequencies(kind: Kind, seconds: float) -> Floats:
 def sinusoid(
     kind: Kind, frequency: float, recordings: Sequence[str], apart: float, channels: Sequence[Channel] = ()
 ) -> Sinusoid:
-    """At no amplitude; on some of the mechanism's channels, or on all; the frequency within ``apart`` Hz."""
+    """At no amplitude; on some of the kind's channels, or on all; the frequency within ``apart`` Hz."""
     used = tuple(channels) or kind.channels
     unknowns = [Unknown(kind.symbol, frequency, 0.1, math.inf, frequency - apart, frequency + apart, "Hz")]
     for name in recordings:
@@ -152,12 +153,12 @@ def sinusoid(
             for wave in ("sine", "cosine"):
                 own = f"{channel.name} {wave} {name}"
                 unknowns.append(Unknown(own, 0.0, channel.width, 30.0 * channel.width, unit=channel.unit))
-    name = f"{kind.mechanism} {frequency:.1f} Hz"
+    name = f"{kind.name} {frequency:.1f} Hz"
     return Sinusoid(name, tuple(unknowns), kind.symbol, kind.per_hertz, used, tuple(recordings))
 
 
 def family(kind: Kind, frequency: float, recordings: Sequence[str], tried: Floats) -> Family:
-    """The mechanism at the best of the frequencies ``tried``; its law is the library's equation."""
+    """A kind at the best of the frequencies ``tried``; its law is the library's equation."""
     apart = float(tried[1] - tried[0]) if tried.size > 1 else 0.5 * frequency
     term = sinusoid(kind, frequency, recordings, apart)
-    return Family(term.name, kind.mechanism, (term,), textbook=True, tried=tried.size)
+    return Family(term.name, kind.name, (term,), textbook=True, tried=tried.size)

@@ -80,6 +80,10 @@ class Priors:
         """(k,) of the squared distances from the centre."""
         return self.dispersion * self.precision**2
 
+    def weighed(self, cost: float, samples: int) -> Priors:
+        """The same as a model with this cost, of so many residuals, leaves the data over-dispersed; as is where 0."""
+        return replace(self, dispersion=max(1.0, 2.0 * cost / samples)) if samples else self
+
 
 @dataclass
 class Fit:
@@ -158,22 +162,20 @@ def minimise(
     if not math.isfinite(sum(costs)):
         # there is no motion to begin with
         return Fit(shared, own, math.inf, [], np.zeros((shared.size, shared.size)), False, 0)
-    damping, growth, converged, steps = 1e-3, 2.0, False, 0
+    damping, converged, steps = _Damping(), False, 0
     parts: list[Quadratic] = []
     while steps < limits.steps:
         if not parts:
             parts = _quadratics(blocks, shared, own, each)
-            if samples:
-                priors = replace(priors, dispersion=max(1.0, 2.0 * sum(costs) / samples))
+            priors = priors.weighed(sum(costs), samples)
         try:
-            step, moves, promised = _step(parts, shared, priors, damping)
+            step, moves, promised = _step(parts, shared, priors, damping.size)
         except LinAlgError:
-            damping *= 10.0
+            damping.size *= 10.0
             steps += 1
             continue
         little = max(limits.tolerance, limits.relative * (sum(costs) - 0.5 * samples))
-        if promised < little and damping < 1.0:
-            converged = True
+        if converged := promised < little and damping.size < 1.0:
             break
         point = np.clip(shared + step, priors.low, priors.high)
         tried = _advanced(blocks, point, own, moves, costs, each)
@@ -181,21 +183,34 @@ def minimise(
         steps += 1
         if np.isfinite(gain) and gain > 0.0:
             shared, own, costs = point, [x for _, x in tried], [cost for cost, _ in tried]
-            damping *= max(0.1, 1.0 - (2.0 * gain / max(promised, 1e-12) - 1.0) ** 3)
-            damping, growth = max(damping, 1e-9), 2.0
-            if gain < little and damping < 1.0:
+            damping.lower(gain / max(promised, 1e-12))
+            if converged := gain < little and damping.size < 1.0:
                 # so near to where the derivatives were taken that those say how sure the parameters are
-                converged = True
                 break
             parts = []
         else:
-            damping, growth = damping * growth, 2.0 * growth
-            if damping > 1e8:
+            damping.rise()
+            if damping.size > 1e8:
                 break
-    if not parts:
-        parts = _quadratics(blocks, shared, own, each)
+    parts = parts or _quadratics(blocks, shared, own, each)
     hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.precision**2))
     return Fit(shared, own, sum(costs) + priors.cost(shared), parts, hessian, converged, steps)
+
+
+@dataclass
+class _Damping:
+    """Of a step, by Nielsen's rule."""
+
+    size: float = 1e-3
+    growth: float = 2.0
+
+    def lower(self, gained: float) -> None:
+        """After a step that gained this share of what it promised."""
+        self.size, self.growth = max(self.size * max(0.1, 1.0 - (2.0 * gained - 1.0) ** 3), 1e-9), 2.0
+
+    def rise(self) -> None:
+        """After a step that gained nothing."""
+        self.size, self.growth = self.size * self.growth, 2.0 * self.growth
 
 
 def _quadratics(blocks: Sequence[Block], shared: Floats, own: Sequence[Floats], each: Callable) -> list[Quadratic]:

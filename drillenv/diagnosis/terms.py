@@ -137,6 +137,8 @@ class Term:
     """Sensors act in rising order of it."""
     remembers = False
     """Whether it has states of its own, of the mount or the air."""
+    effect = ""
+    """The mechanism of the library whose equation it is; none of a free law."""
     common = 1
     """How many of the parameters that :meth:`of_recording` returns all recordings have in common, the first ones."""
 

@@ -17,7 +17,7 @@ from drillenv.diagnosis.body import ForceBalance, autoregression, columns_of, eq
 from drillenv.diagnosis.body_channels import prepare
 from drillenv.diagnosis.body_diagnosis import begin, diagnose_body, stretches_of
 from drillenv.diagnosis.body_rig import BodyRig, Scale, law_of_body
-from drillenv.diagnosis.laws import Curve, kind_of_spring
+from drillenv.diagnosis.laws import HARDENING, SATURATING, Curve, kind_of_spring
 from drillenv.dynamics.constitutive.places import DRIVE
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign, Channel, Nominal, QualityFinding, Recording, check_quality, read_campaign
@@ -492,7 +492,7 @@ def balance(shaken):
     rig = cast("BodyRig", begun.rig)
     spring = next(each for each in rig.laws(None, begun.axes) if each.name == "spring")
     clipped = next(each for each in rig.equations({DRIVE}) if each.form.name == "clipped")
-    sensors = [each.terms[0] for each in rig.sensors() if each.name in ("channel-delay", "mains-hum 50 Hz")]
+    sensors = [each.terms[0] for each in rig.sensors() if each.name in ("lag", "hum 50 Hz")]
     hypothesis = replace(begun, terms=(*begun.terms, *spring.terms, clipped, *sensors))
     return ForceBalance(rig.stretches[0], hypothesis, 1.0, rig.noise)
 
@@ -547,13 +547,13 @@ def test_parameters_are_as_large_as_their_unit_says(unit, size):
 
 
 @pytest.mark.parametrize(
-    ("law", "named"),
-    [(np.tanh, "force-limit"), (lambda x: x**3, "stiffness-hardening"), (lambda x: -(x**3), "force-limit"),
-     (lambda x: np.maximum(x - 0.3, 0.0), "stiffness-hardening")],
+    ("law", "kind"),
+    [(np.tanh, SATURATING), (lambda x: x**3, HARDENING), (lambda x: -(x**3), SATURATING),
+     (lambda x: np.maximum(x - 0.3, 0.0), HARDENING)],
 )  # fmt: skip
-def test_a_spring_is_named_by_how_it_bends(law, named):
+def test_the_kind_of_a_spring_is_how_it_bends(law, kind):
     x = np.linspace(-1.0, 1.0, 200)
-    assert kind_of_spring(x, law(2.0 * x) + 0.7 * x) == named
+    assert kind_of_spring(x, law(2.0 * x) + 0.7 * x) == kind
 
 
 def test_the_same_campaign_gets_the_same_answer_in_the_report_format():

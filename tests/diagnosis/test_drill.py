@@ -44,7 +44,7 @@ def with_law(plain, group):
     return block, shared, block.settled(shared, own, 4)
 
 
-@pytest.mark.parametrize("group", ["spring", "backlash", "damper"])
+@pytest.mark.parametrize("group", ["spring", "play", "damper"])
 def test_a_law_on_wider_axes_moves_the_same(plain, group):
     block, shared, own = with_law(plain, group)
     other = replace(block, hypothesis=on_axes(block.hypothesis, wider(block.hypothesis.axes)))
@@ -56,7 +56,7 @@ def test_a_law_on_wider_axes_moves_the_same(plain, group):
 
 @pytest.mark.parametrize(
     ("group", "wrong"),
-    [("damper", (3,)), ("force-limit", (4,)), ("contact-law", (6,)), ("contact-law", (6, 7))],
+    [("damper", (3,)), ("drive", (4,)), ("contact law", (6,)), ("contact law", (6, 7))],
 )
 def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     """Constants that are a few hundredths off, and what they are off in the law instead."""
@@ -76,7 +76,7 @@ def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     assert np.sqrt(np.mean((one - two) ** 2)) < 1e-3 * np.sqrt(np.mean(one**2))
 
 
-@pytest.mark.parametrize("group", ["spring", "backlash", "damper"])
+@pytest.mark.parametrize("group", ["spring", "play", "damper"])
 def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
     # the steps of the engine adapt: a difference of costs has their error in it
     monkeypatch.setattr(drill, "TOLERANCE", 1e-10)

@@ -10,7 +10,6 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, OUTSIDE, Site, concealed, of_library
 from drillenv.diagnosis.drill_identification import places_of
 from drillenv.diagnosis.laws import equations, families
-from drillenv.diagnosis.naming import effect_of
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.sensing import textbook_sensors
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -19,7 +18,7 @@ from drillenv.dynamics.effects import REGISTRY
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
 FOUND = sorted(
     {each.effect for family in families(FLAT, [60.0, 110.0]) for each in equations(*places_of(family))}
-    | {effect_of(each) for each in textbook_sensors(["r"], 25600.0)}
+    | {each.effect for each in textbook_sensors(["r"], 25600.0)}
 )
 SEED = 7
 QUICK = ("accelerometer-lowpass", "air-spring", "contact-toe", "load-cell-inertia", "mains-hum", "sensor-offset")

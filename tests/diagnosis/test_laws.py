@@ -36,7 +36,7 @@ def curve(group, axes=AXES, **more) -> Curve:
     return term
 
 
-@pytest.mark.parametrize("group", ["spring", "damper", "contact-law", "force-limit", "guide-friction"])
+@pytest.mark.parametrize("group", ["spring", "damper", "contact law", "drive", "guide"])
 def test_functions_of_a_law_are_orthogonal_and_rise_in_roughness(group):
     term = curve(group)
     products = term.basis @ term.basis.T / GRID
@@ -63,7 +63,7 @@ def test_noise_alone_is_smoothed_away_and_a_smooth_law_is_kept():
     assert penalised < 0.6 * plain
 
 
-@pytest.mark.parametrize("group", ["spring", "damper", "contact-law", "force-limit"])
+@pytest.mark.parametrize("group", ["spring", "damper", "contact law", "drive"])
 def test_a_law_is_the_same_on_other_axes_and_straight_beyond(group):
     term = curve(group)
     own = np.random.default_rng(1).normal(0.0, 5.0, len(term.unknowns))
@@ -97,6 +97,6 @@ def test_a_waveform_of_the_lowest_resolution_holds_crossover_distortion():
     # what is of the first order, and constant, is of constants
     own = np.column_stack([drive, np.cos(theta), np.ones_like(theta)])
     lost = lost - own @ np.linalg.lstsq(own, lost)[0]
-    basis = curve("drive-harmonics").basis.T
+    basis = curve("waveform").basis.T
     left = lost - basis @ np.linalg.lstsq(basis, lost)[0]
     assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(lost**2))

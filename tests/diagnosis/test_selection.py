@@ -38,7 +38,7 @@ def test_what_sensors_do_not_resolve_is_no_mechanism():
 
 
 def test_what_a_law_leaves_is_held_against_other_mechanisms():
-    there = [step("contact-law", 1e5, None)]
+    there = [step("contact law", 1e5, None)]
     assert least_gain(score("damper", 50.0), fit(1.5), there, []) == pytest.approx(LAW_LEFT**2 * 1e5)
 
 

@@ -63,6 +63,11 @@ STATE = Effect(
      Parameter("tau", "time", "s", 1e-3, 100.0, 1.0, (0.1, 0.5))),
     ("shaker",), EVERYWHERE, "moves", extras=(Extra("s", "force lost", "N", 10.0),), term=_leak,
 )
+# laws that were measured are reported as these
+import dataclasses
+
+CLAIMS = dataclasses.replace(ONE, free_laws=("crosstalk",))
+CLAIMS_ANOTHERS = dataclasses.replace(ONE, free_laws=("damper",))
 NUMBER = 5
 MIXED = [ONE, "lab-burgers"]
 """
@@ -116,6 +121,28 @@ def test_effects_join_the_registry_and_are_simulated(install):
     assert not loaded, "import drillenv loads nobody's effects"
     assert names == ["lab-kelvin", "lab-voigt", "lab-maxwell"]
     assert ours == pytest.approx(tabulated, rel=1e-9) and abs(ours - plain) > 1.0
+
+
+CLAIMED = """
+import json
+from drillenv.checks import InputError
+from drillenv.dynamics.effects import mechanism_of_law
+try:
+    print(json.dumps([mechanism_of_law("crosstalk"), mechanism_of_law("damper")]))
+except InputError as error:
+    print(json.dumps(str(error)))
+"""
+
+
+def test_a_measured_law_is_reported_as_the_one_effect_that_claims_it(install):
+    assert install("lab-rocks", "lab_effects:CLAIMS")(CLAIMED) == ["lab-kelvin", "damping-quadratic"]
+
+
+def test_two_effects_that_claim_a_law_are_named_in_a_line(install):
+    assert install("lab-rocks", "lab_effects:CLAIMS_ANOTHERS")(CLAIMED) == (
+        "effects damping-quadratic and lab-kelvin both claim the free law 'damper': "
+        "leave it out of free_laws of one of them"
+    )
 
 
 KINDS = """

@@ -28,6 +28,10 @@ Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a s
 what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig;
 ``body_forms`` say from where a diagnosis of such a rig tries it.
 
+A diagnosis tries the equations of ``forms`` and ``body_forms`` in the place of laws that it has fitted freely. Where no
+equation follows such a law, it is reported as the effect that claims it by ``free_laws``. Most effects claim none, and
+no two the same.
+
 An effect that follows a measured curve has no parameters of its own, but ``axes``: what the curve is over and what it
 gives. A module with several effects sets ``EFFECTS`` in place of ``EFFECT``.
 """
@@ -51,6 +55,7 @@ from drillenv.dynamics.constitutive.curves import LARGEST, Curve, curve_from
 from drillenv.dynamics.constitutive.places import Law, Over, Shape
 from drillenv.dynamics.constitutive.tables import Table
 from drillenv.dynamics.forms import Form
+from drillenv.dynamics.free_laws import FREE_LAWS
 
 GROUP = "drillenv.effects"
 """Entry points of other distributions: each loads to an Effect, or to a list of them."""
@@ -222,6 +227,9 @@ class Effect:
     """Force in N on the mass of a one-body rig, to be added to mass * acceleration = force - law."""
     forms: tuple[Form, ...] = ()
     """How a diagnosis tries its equations."""
+    free_laws: tuple[str, ...] = ()
+    """Names of ``FREE_LAWS`` (:mod:`drillenv.dynamics.free_laws`): a law of such a name that was measured, and that no
+    equation follows, is reported as this effect. No other effect may claim it; leave it empty where in doubt."""
     body_forms: tuple[Form, ...] = ()
     """The same on a one-body rig; starts are in units of the body's typical force, travel and speed."""
     body_sentence: str = ""
@@ -322,6 +330,31 @@ def drawn(name: str, rng: np.random.Generator) -> Chosen:
     """
     parameters = _named(name, _registry()).parameters
     return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in parameters})
+
+
+def mechanism_of_law(law: str) -> str:
+    """The name of the effect that a free law is reported as where no equation follows it; ``law`` where none claims it.
+
+    Raises:
+        InputError: two effects claim the same free law, or one claims a law that there is not.
+    """
+    return _claims().get(law, law)
+
+
+@functools.cache
+def _claims() -> dict[str, str]:
+    """The name of the effect that claims a free law, by law."""
+    found: dict[str, str] = {}
+    for effect in _registry().values():
+        for law in effect.free_laws:
+            if law not in FREE_LAWS:
+                known = (difflib.get_close_matches(law, FREE_LAWS, 1) or ["a name of drillenv.dynamics.free_laws"])[0]
+                raise InputError(f"effect {effect.name} claims the free law {shown(law)}, which is none: give {known}")
+            if law in found:
+                both = f"effects {found[law]} and {effect.name}"
+                raise InputError(f"{both} both claim the free law {law!r}: leave it out of free_laws of one of them")
+            found[law] = effect.name
+    return found
 
 
 def _named(name: object, among: Mapping[str, Effect]) -> Effect:

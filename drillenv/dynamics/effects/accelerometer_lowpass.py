@@ -29,4 +29,5 @@ EFFECT = Effect(
     measure=_measure,
     stage=2,
     needs_fine=True,
+    free_laws=("falling response",),
 )

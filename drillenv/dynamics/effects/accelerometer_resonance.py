@@ -34,4 +34,5 @@ EFFECT = Effect(
     measure=_measure,
     stage=1,
     needs_fine=True,
+    free_laws=("rising response",),
 )

@@ -23,4 +23,5 @@ EFFECT = Effect(
     extras=(Extra("s", "force the cylinder has lost", "N", 10.0, kept="q"),),
     scalars=_scalars,
     forms=(Form("straight", ("k_a", "tau"), ((5e4, 0.1), (5e4, 0.4))),),
+    free_laws=("air",),
 )

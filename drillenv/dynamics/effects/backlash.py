@@ -49,4 +49,5 @@ EFFECT = Effect(
             tuple((g, y0) for g in (0.06, 0.2, 0.5) for y0 in (-0.6, -0.3, -0.1, 0.1, 0.4)),
         ),
     ),
+    free_laws=("play",),
 )

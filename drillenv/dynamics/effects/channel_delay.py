@@ -29,4 +29,5 @@ EFFECT = Effect(
     body_told_apart="record faster motions, where a lag and a damper part ways",
     stage=3,
     needs_fine=True,
+    free_laws=("lag", "level response"),
 )

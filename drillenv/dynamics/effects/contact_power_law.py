@@ -31,4 +31,5 @@ EFFECT = Effect(
     energy="none",
     laws={"loading": Shape(_shape), "unloading": Shape(_shape)},
     forms=(Form("power", ("n",), ((0.9,), (1.1,), (1.4,))),),
+    free_laws=("contact law",),
 )

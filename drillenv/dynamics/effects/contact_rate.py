@@ -22,4 +22,5 @@ EFFECT = Effect(
     energy="loses",
     laws={"rate-factor": _law},
     forms=(Form("hunt-crossley", ("chi",), ((0.3,), (1.0,))),),
+    free_laws=("contact speed",),
 )

@@ -29,4 +29,5 @@ EFFECT = Effect(
     body_sentence="The damping of the body grows with its speed.",
     forms=(Form("quadratic", ("c2",), ((500.0,),)),),
     body_forms=(Form("quadratic", ("c2",), ((0.1,),)),),
+    free_laws=("damper",),
 )

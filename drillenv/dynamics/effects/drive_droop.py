@@ -19,4 +19,5 @@ EFFECT = Effect(
     energy="moves",
     scalars=_scalars,
     forms=(Form("first order", ("s",), ((2e-3,), (6e-3,))),),
+    free_laws=("drive gain",),
 )

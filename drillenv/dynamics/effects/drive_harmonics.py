@@ -34,4 +34,5 @@ EFFECT = Effect(
             tuple((0.08, a, 0.06, b) for a in (-2.0, 0.0, 2.0) for b in (-2.0, 0.0, 2.0)),
         ),
     ),
+    free_laws=("waveform",),
 )

@@ -23,4 +23,5 @@ EFFECT = Effect(
     body_told_apart="record at two speeds that differ by a factor of three or more",
     body_constant="coulomb",
     body_forms=(Form("coulomb", ("fc",), ((0.1,),)),),
+    free_laws=("friction",),
 )

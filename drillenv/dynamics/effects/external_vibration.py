@@ -32,4 +32,5 @@ EFFECT = Effect(
     energy="moves",
     extras=(Extra("a", "phase of the vibration since the start", "rad", 1.0, turns=True, kept="vibration"),),
     scalars=_scalars,
+    free_laws=("vibration",),
 )

@@ -50,4 +50,5 @@ EFFECT = Effect(
         Form("clipped", ("F_max",), ((0.5,), (0.7,), (0.9,))),
         Form("clipped spring", ("F_s",), ((0.3,), (0.5,), (0.8,))),
     ),
+    free_laws=("drive", "saturating spring"),
 )

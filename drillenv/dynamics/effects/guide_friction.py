@@ -36,4 +36,5 @@ EFFECT = Effect(
         Form("dahl", ("fc1", "ds1"), ((20.0, 5e-7), (60.0, 5e-7))),
         Form("lugre", ("fc1", "ds1", "rs1", "vr1"), ((20.0, 5e-7, 0.4, 1e-3), (60.0, 5e-7, 0.4, 1e-3))),
     ),
+    free_laws=("guide",),
 )

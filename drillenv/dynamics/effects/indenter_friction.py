@@ -36,4 +36,5 @@ EFFECT = Effect(
         Form("dahl", ("fc2", "ds2"), ((20.0, 1e-5), (60.0, 1e-5))),
         Form("lugre", ("fc2", "ds2", "rs2", "vr2"), ((20.0, 1e-5, 0.4, 0.05), (60.0, 1e-5, 0.4, 0.05))),
     ),
+    free_laws=("indenter",),
 )

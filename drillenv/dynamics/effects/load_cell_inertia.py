@@ -17,4 +17,5 @@ EFFECT = Effect(
     regimes=EVERYWHERE,
     energy="none",
     measure=_measure,
+    free_laws=("load cell",),
 )

@@ -37,4 +37,5 @@ EFFECT = Effect(
     energy="none",
     measure=_measure,
     stage=4,
+    free_laws=("hum",),
 )

@@ -40,4 +40,5 @@ EFFECT = Effect(
     laws={"compaction": _law},
     counted=_counted,
     forms=(Form("exponential", ("soft", "soft_n"), ((0.3, 10.0), (0.3, 40.0))),),
+    free_laws=("compaction",),
 )

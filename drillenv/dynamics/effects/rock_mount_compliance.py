@@ -35,4 +35,5 @@ EFFECT = Effect(
             tuple((s, m, 0.08) for m in (15.0, 40.0, 85.0) for s in (8e-9, 2e-8, 4.5e-8)),
         ),
     ),
+    free_laws=("mount",),
 )

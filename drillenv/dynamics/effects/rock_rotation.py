@@ -31,4 +31,5 @@ EFFECT = Effect(
         Extra("a_contact", "a where the latest contact began", "rad", 1.0, turns=True, kept="rotation_contact"),
     ),
     scalars=_scalars,
+    free_laws=("rotation",),
 )

@@ -35,4 +35,5 @@ EFFECT = Effect(
     energy="none",
     measure=_measure,
     stage=3,
+    free_laws=("high-pass",),
 )

@@ -24,4 +24,5 @@ EFFECT = Effect(
     energy="none",
     measure=_measure,
     stage=5,
+    free_laws=("offset",),
 )

@@ -40,4 +40,5 @@ EFFECT = Effect(
     body_sentence="The spring on the body does not follow a straight line: its stiffness changes with the deflection.",
     forms=(Form("cubic", ("k3",), ((3e9,),)),),
     body_forms=(Form("cubic", ("k3",), ((0.1,),)),),
+    free_laws=("hardening spring",),
 )

@@ -21,4 +21,5 @@ EFFECT = Effect(
     body_told_apart="record at two speeds that differ by a factor of three or more",
     body_constant="damping",
     body_forms=(Form("linear", ("d",), ((0.1,),)),),
+    free_laws=("unstated damping",),
 )
