@@ -10,7 +10,7 @@ speed back from the moment at which the force sets in. None of these needs the c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -54,6 +54,8 @@ LEVEL = 0.25
 """Standard deviations of the acceleration's noise from which its mean is no noise."""
 HUM = 40.0
 """Half a sum of squares that a hum has to explain of the force in flight."""
+MAINS_DRIFT = 2e-3
+"""Share by which the mains may be off their frequency."""
 IN_STEP = 0.5
 """Turns by which mains drift away from the excitation, or from every other of its periods, to be told from it."""
 HEAVY = 1.0
@@ -137,13 +139,16 @@ def fit_excitation(signal: np.ndarray, rate: float, frequency: float) -> tuple[f
         InputError: the signal holds no sine near this frequency.
     """
     time = np.arange(signal.size) / rate
-    found = _fit_sine(signal, time, 2 * math.pi * frequency, ())
+    found = _fit_sine(signal, time, 2 * math.pi * frequency)
     if found.amplitude <= 5 * float(np.std(found.left)) / math.sqrt(signal.size / 2):
         raise InputError(f"the excitation holds no sine near {frequency:g} Hz: check the channel and the setting")
-    hums = [np.column_stack(hum) for hum in _hums(time, found.omega, ORDERS[-1])]
-    explained = [float((found.left @ hum) @ np.linalg.solve(hum.T @ hum, hum.T @ found.left)) for hum in hums]
-    if hums and max(explained) > 2.0 * HUM * float(np.var(found.left)):
-        found = _fit_sine(signal, time, found.omega, hums[int(np.argmax(explained))].T)
+    explained = {}
+    for mains in _apart(time, found.omega):
+        hum = np.column_stack(_sines(time, 2 * math.pi * mains, ORDERS[-1]))
+        explained[mains] = float((found.left @ hum) @ np.linalg.solve(hum.T @ hum, hum.T @ found.left))
+    most = max(explained, key=lambda mains: explained[mains], default=0.0)
+    if explained and explained[most] > 2.0 * HUM * float(np.var(found.left)):
+        found = _fit_sine(signal, time, found.omega, 2 * math.pi * most)
     return found.omega, found.phase, found.amplitude
 
 
@@ -159,21 +164,23 @@ class _Sine(NamedTuple):
     """(n,) what is left."""
 
 
-def _fit_sine(signal: np.ndarray, time: np.ndarray, omega: float, beside: Iterable[np.ndarray]) -> _Sine:
-    """The sine near a frequency of ``omega`` rad/s, with a constant and the columns (n,) ``beside`` it."""
+def _fit_sine(signal: np.ndarray, time: np.ndarray, omega: float, mains: float = 0.0) -> _Sine:
+    """The sine near a frequency of ``omega`` rad/s, with a constant, and the mains near another beside it."""
+    # at 0.5 s a tenth of a period is 0.2 % of 100 Hz; more than that would be another setting
+    limits = np.array([0.006, MAINS_DRIFT])[: 2 if mains else 1]
 
-    def parts(scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turned = omega * (1 + scaled[0] * 1e-4) * time
-        basis = np.column_stack([np.sin(turned), np.cos(turned), np.ones_like(time), *beside])
+    def parts(off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        columns = [*_sines(time, omega * (1 + off[0]), (1,)), np.ones_like(time)]
+        columns += _sines(time, mains * (1 + off[1]), ORDERS[-1]) if mains else []
+        basis = np.column_stack(columns)
         # sines of unlike frequencies are next to orthogonal
         weights = np.linalg.solve(basis.T @ basis, basis.T @ signal)
         return weights, signal - basis @ weights
 
-    # at 0.5 s a tenth of a period is 0.2 % of 100 Hz; more than that would be another setting
-    found = least_squares(lambda scaled: parts(scaled)[1], [0.0], bounds=([-60.0], [60.0]), x_scale=1.0)
-    (sine, cosine, *_), left = parts(found.x)
-    phase, amplitude = math.atan2(cosine, sine), math.hypot(sine, cosine)
-    return _Sine(omega * (1 + found.x[0] * 1e-4), phase, amplitude, left)
+    start = np.zeros(limits.size)
+    found = least_squares(lambda off: parts(off)[1], start, bounds=(-limits, limits), x_scale=1e-4).x
+    (sine, cosine, *_), left = parts(found)
+    return _Sine(omega * (1 + float(found[0])), math.atan2(cosine, sine), math.hypot(sine, cosine), left)
 
 
 def spring_from_force(
@@ -245,15 +252,24 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     return found
 
 
-def _hums(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[tuple[np.ndarray, ...]]:
+def _hums(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[list[np.ndarray]]:
     """(n,) sines and cosines of orders of each frequency of the mains that is not in step with the excitation."""
+    return [_sines(time, 2 * math.pi * frequency, orders) for frequency in _apart(time, omega)]
+
+
+def _apart(time: np.ndarray, omega: float) -> list[float]:
+    """Frequencies of the mains in Hz that are not in step with an excitation of ``omega`` rad/s."""
     found = []
     for frequency in MAINS:
-        turned = 2 * math.pi * frequency * time
         beats = [abs(order * frequency - omega / (2 * math.pi)) * (time[-1] - time[0]) for order in (1, 2)]
         if min(beats) >= IN_STEP:
-            found.append(tuple(wave(order * turned) for order in orders for wave in (np.sin, np.cos)))
+            found.append(frequency)
     return found
+
+
+def _sines(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[np.ndarray]:
+    """(n,) sine and cosine of each order of a frequency in rad/s."""
+    return [wave(order * omega * time) for order in orders for wave in (np.sin, np.cos)]
 
 
 class _Reading(NamedTuple):

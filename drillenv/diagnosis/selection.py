@@ -14,10 +14,10 @@ from scipy.stats import chi2
 
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined
-from drillenv.diagnosis.laws import Curve, Family, Gain, moved_to, on_axes
+from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
-from drillenv.diagnosis.terms import Term
+from drillenv.diagnosis.terms import Hypothesis, Term
 from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
@@ -200,10 +200,8 @@ def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor)
     """The same family over what motions visit now, of twice the resolution, and of more as long as that is seen."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
-    coarse, fitted = fitted, with_detail(data, fitted, family, 1, pool)
-    if fitted.cost > coarse.cost:
-        # far from what is stated a fit need not find its way back
-        return coarse
+    again = with_detail(data, fitted, family, 1, pool)
+    fitted = again if again.cost < fitted.cost else fitted
     for detail in DETAILS:
         finer = with_detail(data, fitted, family, detail, pool)
         more = finer.fit.shared.size - fitted.fit.shared.size
@@ -253,11 +251,34 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
 
 
 def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
-    """The same family over what motions visit now, of so many times the resolution."""
+    """The same family over what motions visit now, of so many times the resolution.
+
+    From constants as stated, what is straight in them being the law's, or where that does not lead back to as good a
+    fit, from constants as they are.
+    """
     rig = fitted.hypothesis.rig
     known = on_axes(fitted.hypothesis, rig.axes_at(fitted, pool))
-    same = rig.as_stated(known, fitted.values, [each.place for each in family.terms if isinstance(each, Curve)])
-    finer = next(each for each in rig.laws(fitted, same.axes, detail) if each.name == family.name)
+    places = [each.place for each in family.terms if isinstance(each, Curve)]
+    found = _on_finer(data, fitted, known, rig.as_stated(known, fitted.values, places), family, detail, pool)
+    if found.cost > fitted.cost:
+        as_they_are = Equivalent(known.axes, fitted.values, {})
+        found = min(
+            found, _on_finer(data, fitted, known, as_they_are, family, detail, pool), key=lambda each: each.cost
+        )
+    return found
+
+
+def _on_finer(
+    data: Sequence[Any],
+    fitted: Fitted,
+    known: Hypothesis,
+    same: Equivalent,
+    family: Family,
+    detail: int,
+    pool: Executor,
+) -> Fitted:
+    """The fit of a family's law at a resolution, from parameters that are the ``same`` motion as a fit's."""
+    finer = next(each for each in known.rig.laws(fitted, same.axes, detail) if each.name == family.name)
     terms, start = [], []
     for term, own in zip(known.terms, known.split(same.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)

@@ -11,6 +11,7 @@ from drillenv.diagnosis.condition import (
     common_lag,
     condition,
     contacts,
+    fit_excitation,
     flight_reading,
     flights,
     thin,
