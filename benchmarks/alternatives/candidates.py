@@ -209,14 +209,17 @@ def misread(recording: Followed, name: str, p: tuple[float, ...]) -> Floats:
 
 
 def hums(recording: Followed) -> list[Column]:
-    """Lines of the mains on each channel, their phases read off what is left of the recording itself."""
+    """Lines of the mains on each channel. The phase in a half of the recording is read off what is left of the other."""
     found, left = [], recording.left
-    time = np.arange(left.shape[1]) / recording.motion.rate
+    time, middle = np.arange(left.shape[1]) / recording.motion.rate, left.shape[1] // 2
+    halves = (slice(0, middle), slice(middle, None))
     for frequency in MAINS:
-        waves = np.column_stack([np.sin(2.0 * math.pi * frequency * time), np.cos(2.0 * math.pi * frequency * time)])
+        turned = 2.0 * math.pi * frequency * time
+        waves = np.column_stack([np.sin(turned), np.cos(turned), np.ones_like(turned)])
         for i, channel in enumerate(("force", "acceleration")):
             readings = np.zeros_like(left)
-            size = np.linalg.lstsq(waves, left[i] - left[i].mean(), rcond=None)[0]
-            readings[i] = waves @ size / max(float(np.hypot(*size)), 1e-12)
+            for here, other in (halves, halves[::-1]):
+                size = np.linalg.lstsq(waves[other], left[i, other], rcond=None)[0][:2]
+                readings[i, here] = waves[here, :2] @ size
             found.append(Column("mains-hum", f"mains-hum {frequency:g} Hz, {channel}", readings, np.zeros(left.shape[1])))
     return found

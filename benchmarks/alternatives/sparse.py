@@ -9,6 +9,7 @@ recording, which leaves every sum of squares as it is.
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -28,24 +29,64 @@ PARTS = 4
 class Settings:
     """How a regression is made; chosen on the campaigns of seed 4242, see docs/trial/README.md."""
 
-    optimiser: str = "STLSQ"
-    """Of :data:`OPTIMISERS`."""
-    strengths: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5)
-    """Thresholds among which cross-validation chooses: norm of a term's contribution over that of what is explained."""
+    optimiser: str = "FROLS"
+    """Of :data:`PATHS`."""
     one_shape: bool = True
     """Whether of each function only the shape that explains most alone is offered."""
-    one_error: bool = True
-    """Whether the sparsest within a standard error of the best cross-validation is taken, or the best."""
+    errors: float = 1.0
+    """Standard errors of the best cross-validation within which the sparsest model is taken."""
+    share: float = 0.25
+    """The same as a share of all that the best model explains there."""
     draws: int = 20
     """Of a bootstrap over parts of recordings."""
     inclusion: float = 0.8
     """Share of the draws in which a mechanism has to be selected to be named."""
 
 
-OPTIMISERS: dict[str, Callable[[float], Any]] = {
-    "STLSQ": lambda strength: pysindy.STLSQ(threshold=strength, alpha=1e-6, max_iter=30),
-    "SR3": lambda strength: pysindy.SR3(reg_weight_lam=strength**2 / 2.0, relax_coeff_nu=1.0, max_iter=1000),
-}
+THRESHOLDS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.035, 0.025, 0.018, 0.012)
+"""Of the norm of a term's contribution over that of what is to be explained, the sparsest model first."""
+MOST_TERMS = 8
+"""Of a forward regression."""
+Optimiser = Callable[[Floats, Floats], list[Floats]]
+"""From candidates (m, k) of unit norm and a target (m,) of unit norm to coefficients (k,), the sparsest first."""
+
+
+def stlsq(candidates: Floats, target: Floats, ridge: float = 0.3) -> list[Floats]:
+    """Sequentially thresholded least squares at each threshold."""
+    return [fitted(pysindy.STLSQ(threshold=each, alpha=ridge, max_iter=30), candidates, target) for each in THRESHOLDS]
+
+
+def sr3(candidates: Floats, target: Floats) -> list[Floats]:
+    """Sparse relaxed regularised regression with as many terms as pay for themselves, at each threshold."""
+    return [
+        fitted(pysindy.SR3(reg_weight_lam=each**2 / 2.0, relax_coeff_nu=1.0, max_iter=1000), candidates, target)
+        for each in THRESHOLDS
+    ]
+
+
+def frols(candidates: Floats, target: Floats) -> list[Floats]:
+    """Forward regression with orthogonal least squares: so many terms, each the one that explains most of the rest."""
+    model = pysindy.FROLS(max_iter=MOST_TERMS, alpha=1e-9)
+    fitted(model, candidates, target)
+    found = []
+    # the history's k-th entry has k terms
+    for each in model.history_[: MOST_TERMS + 1]:
+        there = np.flatnonzero(np.asarray(each).ravel())
+        coefficients = np.zeros(candidates.shape[1])
+        coefficients[there] = np.linalg.lstsq(candidates[:, there], target, rcond=None)[0]
+        found.append(coefficients)
+    return found
+
+
+def fitted(optimiser: Any, candidates: Floats, target: Floats) -> Floats:
+    """(k,) coefficients of an optimiser of PySINDy."""
+    with warnings.catch_warnings():
+        # that nothing is left, or that it has not quite converged, is an answer
+        warnings.simplefilter("ignore")
+        return np.asarray(optimiser.fit(candidates, target).coef_).ravel()
+
+
+PATHS: dict[str, Optimiser] = {"STLSQ": stlsq, "SR3": sr3, "FROLS": frols}
 
 
 class Part(NamedTuple):
@@ -64,8 +105,8 @@ class Found(NamedTuple):
     named: list[str]
     inclusion: dict[str, float]
     """Share of the bootstrap's draws in which a mechanism was selected."""
-    strength: float
-    """That cross-validation chose."""
+    place: int
+    """On the path from the sparsest model, that cross-validation chose."""
 
 
 def compressed(rows: Floats) -> Floats:
@@ -127,38 +168,40 @@ def without_constants(rows: Floats, fixed: int) -> tuple[Floats, Floats, Floats]
     return candidates / norms, target, norms
 
 
-def regressed(rows: Floats, fixed: int, settings: Settings, strength: float) -> Floats:
-    """(columns,) coefficients."""
+def path(rows: Floats, fixed: int, optimiser: str) -> list[Floats]:
+    """(columns,) coefficients of all columns, the sparsest first."""
     candidates, target, norms = without_constants(rows, fixed)
-    size = float(np.linalg.norm(target))
-    with warnings.catch_warnings():
-        # that nothing is left, or that it has not quite converged, is an answer
-        warnings.simplefilter("ignore")
-        fitted = OPTIMISERS[settings.optimiser](strength).fit(candidates, target / size)
-    found = np.asarray(fitted.coef_).ravel() * size / norms
-    constants = np.linalg.lstsq(rows[:, :fixed], rows[:, -1] - rows[:, fixed:-1] @ found, rcond=None)[0]
-    return np.concatenate([constants, found])
+    size, there = float(np.linalg.norm(target)), np.isfinite(norms)
+    found = []
+    for each in PATHS[optimiser](candidates[:, there], target / size):
+        coefficients = np.zeros(rows.shape[1] - 1)
+        coefficients[fixed:][there] = each * size / norms[there]
+        rest = rows[:, -1] - rows[:, fixed:-1] @ coefficients[fixed:]
+        coefficients[:fixed] = np.linalg.lstsq(rows[:, :fixed], rest, rcond=None)[0]
+        found.append(coefficients)
+    return found
 
 
-def cross_validated(parts: Sequence[Part], fixed: int, settings: Settings) -> float:
-    """The threshold, by what is left of recordings that are left out one after the other."""
+def cross_validated(parts: Sequence[Part], fixed: int, settings: Settings) -> int:
+    """The place on the path, by what is left of recordings that are left out one after the other."""
     recordings = sorted({each.recording for each in parts})
-    left = np.zeros((len(settings.strengths), len(recordings)))
-    for j, out in enumerate(recordings):
+    left = []
+    for out in recordings:
         train = compressed(np.vstack([each.rows for each in parts if each.recording != out]))
         test = np.vstack([each.rows for each in parts if each.recording == out])
-        for i, strength in enumerate(settings.strengths):
-            coefficients = regressed(train, fixed, settings, strength)
-            left[i, j] = np.mean((test[:, -1] - test[:, :-1] @ coefficients) ** 2)
-    mean = left.mean(axis=1)
+        models = path(train, fixed, settings.optimiser)
+        squares = np.array([np.sum((test[:, -1] - test[:, :-1] @ each) ** 2) for each in models])
+        # a recording that is hard for all models counts no more than the others
+        left.append(squares / squares[0])
+    size = min(len(each) for each in left)
+    table = np.array([each[:size] for each in left])
+    mean = table.mean(axis=0)
     best = int(np.argmin(mean))
-    if not settings.one_error:
-        return settings.strengths[best]
-    # of the difference, since recordings are hard or easy for all of them
-    beyond = left - left[best]
-    error = beyond.std(axis=1, ddof=1) / np.sqrt(len(recordings))
-    within = np.flatnonzero(beyond.mean(axis=1) <= error)
-    return settings.strengths[int(within.max())]
+    # of the difference, since recordings are hard or easy for all models alike
+    beyond = table - table[:, [best]]
+    error = beyond.std(axis=0, ddof=1) / np.sqrt(len(recordings))
+    allowed = np.maximum(settings.errors * error, settings.share * (mean[0] - mean[best]))
+    return int(np.flatnonzero(beyond.mean(axis=0) <= allowed).min())
 
 
 def sparse_regression(
@@ -175,20 +218,23 @@ def select(parts: Sequence[Part], columns: Sequence[Column], settings: Settings,
     parts = [Part(each.recording, each.rows[:, np.append(taken, True)]) for each in parts]
     names = [column.mechanism for column, there in zip(columns, taken, strict=True) if there]
     fixed = names.count("")
-    strength = cross_validated(parts, fixed, settings)
-    rows = compressed(np.vstack([each.rows for each in parts]))
+    at = cross_validated(parts, fixed, settings)
+
+    def model(chosen: Sequence[Part]) -> Floats:
+        """Coefficients at that place of the path, or at its end where it is shorter."""
+        found = path(compressed(np.vstack([each.rows for each in chosen])), fixed, settings.optimiser)
+        return found[min(at, len(found) - 1)]
+
     coefficients = np.zeros(len(columns))
-    coefficients[taken] = regressed(rows, fixed, settings, strength)
-    counts = dict.fromkeys(dict.fromkeys(name for name in names if name), 0)
-    for _ in range(settings.draws):
-        drawn = rng.integers(len(parts), size=len(parts))
-        again = regressed(compressed(np.vstack([parts[i].rows for i in drawn])), fixed, settings, strength)
-        for name in {name for name, size in zip(names, again, strict=True) if name and size != 0.0}:
-            counts[name] += 1
-    inclusion = {name: count / settings.draws for name, count in counts.items() if count}
+    coefficients[taken] = model(parts)
+    counts: Counter[str] = Counter()
+    for _ in range(settings.draws if np.any(coefficients[fixed:]) else 0):
+        again = model([parts[i] for i in rng.integers(len(parts), size=len(parts))])
+        counts.update({name for name, size in zip(names, again, strict=True) if name and size != 0.0})
+    inclusion = {name: count / settings.draws for name, count in counts.items()}
     selected = {column.mechanism for column, size in zip(columns, coefficients, strict=True) if size != 0.0} - {""}
-    named = [name for name in inclusion if name in selected and inclusion[name] >= settings.inclusion]
-    return Found(coefficients, named, inclusion, strength)
+    named = sorted(name for name in selected if inclusion.get(name, 0.0) >= settings.inclusion)
+    return Found(coefficients, named, inclusion, at)
 
 
 def correction(found: Found, columns: Sequence[Column]) -> Floats:
