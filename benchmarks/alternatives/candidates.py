@@ -221,5 +221,7 @@ def hums(recording: Followed) -> list[Column]:
             for here, other in (halves, halves[::-1]):
                 size = np.linalg.lstsq(waves[other], left[i, other], rcond=None)[0][:2]
                 readings[i, here] = waves[here, :2] @ size
-            found.append(Column("mains-hum", f"mains-hum {frequency:g} Hz, {channel}", readings, np.zeros(left.shape[1])))
+            found.append(
+                Column("mains-hum", f"mains-hum {frequency:g} Hz, {channel}", readings, np.zeros(left.shape[1]))
+            )
     return found

@@ -159,9 +159,7 @@ def scaled(error: float, scale: float) -> float | None:
     return round(scale * error, 4) if math.isfinite(error) else None
 
 
-def marked(
-    found: sparse.Found, error: float | None, seconds: float, begun: Begun, answer: Mapping[str, Any]
-) -> Answer:
+def marked(found: sparse.Found, error: float | None, seconds: float, begun: Begun, answer: Mapping[str, Any]) -> Answer:
     """The regression's answer by the rules of the trial.
 
     Its verdict is that physics is missing where it names a mechanism, else unexplained where the recordings held out
