@@ -209,7 +209,7 @@ def misread(recording: Followed, name: str, p: tuple[float, ...]) -> Floats:
 
 
 def hums(recording: Followed) -> list[Column]:
-    """Lines of the mains on each channel. The phase in a half of the recording is read off what is left of the other."""
+    """Lines of the mains on each channel. Phases in a half of the recording are read off the other half."""
     found, left = [], recording.left
     time, middle = np.arange(left.shape[1]) / recording.motion.rate, left.shape[1] // 2
     halves = (slice(0, middle), slice(middle, None))

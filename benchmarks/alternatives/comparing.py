@@ -148,7 +148,7 @@ def corrected(held: Sequence[Followed], corrections: Sequence[np.ndarray]) -> fl
 def unit_of(reported: float | None, own: float) -> float:
     """By what errors are multiplied to be in the noise of a report.
 
-    The report states what the paper's model leaves of the same recordings, by the noise that is left by the model found;
+    The report states what the paper's model leaves of the same recordings, by the noise that the model found leaves;
     ``own`` is the same by the noise that the paper's model leaves.
     """
     return reported / own if reported and math.isfinite(own) and own > 0.0 else 1.0

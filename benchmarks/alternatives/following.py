@@ -128,9 +128,9 @@ class Followed:
 
     @cached_property
     def lost_speed(self) -> tuple[np.ndarray, Floats]:
-        """Samples (windows,) of ``steady`` at which windows begin, and (windows,) the shaker's speed that the model lacks.
+        """Samples (windows,) of ``steady`` at which windows begin, and (windows,) m/s that the model lacks of the shaker.
 
-        With windows that are nearly free each says by itself how fast the shaker body is where it begins. What the model
+        With windows that are nearly free each says by itself how fast the shaker body is where it begins. What a model
         loses from one to the next, summed up, is an impulse that is missing over the shaker's mass.
         """
         block, own, shared = self.settled
@@ -171,10 +171,7 @@ def prepared(folder: Path, names: Collection[str] | None = None) -> Split:
     late = common_lag(data, rig)
     if late != 0.0:
         data = [condition(each, rig, late) for each in campaign.recordings]
-    if names:
-        held = {i for i, each in enumerate(data) if each.name in names}
-    else:
-        held = held_out(data)
+    held = {i for i, each in enumerate(data) if each.name in names} if names else held_out(data)
     return Split(
         campaign,
         [each for i, each in enumerate(data) if i not in held],

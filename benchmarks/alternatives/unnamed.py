@@ -1,4 +1,4 @@
-"""A residual model that names nothing: what the paper's model leaves, learned as a function of its states and inputs."""
+"""A residual model that names nothing: what the paper's model leaves, learned over its states and inputs."""
 
 from __future__ import annotations
 
