@@ -96,22 +96,33 @@ def tried() -> Iterator[tuple[str, Values]]:
 
 def candidates(recording: Followed) -> list[Column]:
     """All columns of a recording, constants of the paper's model first; the same ones for all recordings."""
-    found = [Column("", name, *_read(recording, forces)) for name, forces in constants_off(recording.motion)]
+    found, nothing = of_motion(recording.motion), np.zeros_like(recording.motion.y)
     for name, values in tried():
-        p = tuple(values.get(each.symbol, each.neutral) for each in LIBRARY[name].parameters)
-        label = f"{name} {', '.join(f'{symbol}={value:.3g}' for symbol, value in values.items())}"
         if LIBRARY[name].measure is not None:
-            readings = misread(recording, name, p)
-            found.append(Column(name, label, readings, np.zeros(readings.shape[1])))
-        else:
-            found.append(Column(name, label, *_read(recording, forces_of(name, p, recording.motion))))
+            readings = misread(recording, name, _parameters(name, values))
+            found.append(Column(name, _label(name, values), readings, nothing))
     return found + hums(recording)
 
 
-def _read(recording: Followed, forces: Forces) -> tuple[Floats, Floats]:
-    """By what forces change the readings, and what they are on the shaker body."""
-    second = recording.motion.masses[1]
-    return np.stack([forces.rock, (forces.indenter - forces.rock) / second]), forces.shaker
+def of_motion(motion: Motion) -> list[Column]:
+    """The columns that are forces, constants of the paper's model first."""
+    found = [("", name, forces) for name, forces in constants_off(motion)]
+    for name, values in tried():
+        if LIBRARY[name].measure is None:
+            found.append((name, _label(name, values), forces_of(name, _parameters(name, values), motion)))
+    second = motion.masses[1]
+    return [
+        Column(name, label, np.stack([forces.rock, (forces.indenter - forces.rock) / second]), forces.shaker)
+        for name, label, forces in found
+    ]
+
+
+def _parameters(name: str, values: Values) -> tuple[float, ...]:
+    return tuple(values.get(each.symbol, each.neutral) for each in LIBRARY[name].parameters)
+
+
+def _label(name: str, values: Values) -> str:
+    return f"{name} {', '.join(f'{symbol}={value:.3g}' for symbol, value in values.items())}"
 
 
 def constants_off(motion: Motion) -> list[tuple[str, Forces]]:

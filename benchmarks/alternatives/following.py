@@ -48,7 +48,7 @@ class Motion:
     rock: Floats
     """N, force of the rock."""
     loading: np.ndarray
-    theta: Floats
+    theta: np.ndarray
     """Phase of the excitation."""
     impacts: Floats
     """On this face, before the contact at or before each sample."""
@@ -128,7 +128,7 @@ class Followed:
 
     @cached_property
     def lost_speed(self) -> tuple[np.ndarray, Floats]:
-        """Samples (windows,) of ``steady`` at which windows begin, and (windows,) m/s that the model lacks of the shaker.
+        """Samples (windows,) of ``steady`` at which windows begin, and (windows,) m/s of the shaker beyond the model.
 
         With windows that are nearly free each says by itself how fast the shaker body is where it begins. What a model
         loses from one to the next, summed up, is an impulse that is missing over the shaker's mass.

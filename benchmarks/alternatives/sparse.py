@@ -111,7 +111,7 @@ class Found(NamedTuple):
 
 def compressed(rows: Floats) -> Floats:
     """The triangular factor of rows, with the same sums of squares."""
-    return np.linalg.qr(rows, mode="r") if len(rows) > rows.shape[1] else rows
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
 
 
 def parts_of(index: int, recording: Followed, columns: Sequence[Column]) -> list[Part]:
