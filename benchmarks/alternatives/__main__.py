@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 import drillenv
 from benchmarks import alternatives
+from benchmarks.alternatives.candidates import label, tried
 from benchmarks.alternatives.comparing import compared
 from benchmarks.alternatives.sparse import Settings
 from benchmarks.alternatives.tables import table
@@ -56,6 +57,7 @@ def begun(out: Path, marks: Mapping[str, Any]) -> dict[str, Any]:
         "version": drillenv.__version__,
         "peers": {"pysindy": pysindy.__version__, "scikit-learn": sklearn.__version__},
         "settings": asdict(Settings()),
+        "candidates": [label(*each) for each in tried()],
     }
     if not out.exists():
         return heading | {"rows": []}

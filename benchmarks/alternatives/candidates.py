@@ -39,12 +39,21 @@ Values = Mapping[str, float]
 
 QUARTER = math.pi / 2.0
 CHOSEN: dict[str, tuple[Values, ...]] = {
+    "contact-power-law": tuple({"n": n} for n in (0.8, 0.9, 1.1, 1.25, 1.4, 1.6)),
+    "contact-toe": tuple(
+        {"h": h, "r": r, "e": e} for h in (7e-6, 1.5e-5, 3e-5) for r, e in ((0.1, 0.1), (0.1, 0.9), (0.3, 0.5))
+    ),
+    "rock-compaction": tuple({"soft": 0.3, "soft_n": n} for n in (5.0, 12.0, 30.0, 70.0)),
+    "force-limit": tuple({"F_max": force} for force in (150.0, 200.0, 250.0, 300.0, 350.0, 400.0))
+    + tuple({"F_s": force} for force in (150.0, 190.0, 230.0)),
+    "drive-droop": ({"s": 2e-3}, {"s": 4e-3}, {"s": 8e-3}),
     "drive-harmonics": ({"h2": 0.1}, {"h2": 0.1, "phi2": QUARTER}, {"h3": 0.1}, {"h3": 0.1, "phi3": QUARTER}),
     "guide-friction": ({"fc1": 30.0}, {"fc1": 30.0, "vs1": 1e-3}),
     "indenter-friction": ({"fc2": 30.0}, {"fc2": 30.0, "vs2": 5e-3}, {"fc2": 30.0, "vs2": 0.03}),
-    "channel-delay": ({"delay_f": 1e-4}, {"delay_a": 1e-4}, {"delay_a": 3e-4}),
-    "accelerometer-lowpass": ({"f_b": 600.0}, {"f_b": 1500.0}, {"f_b": 3500.0}),
-    "accelerometer-resonance": tuple({"f_a": f, "zeta_a": 0.03} for f in (2500.0, 3500.0, 5000.0, 7000.0)),
+    "channel-delay": ({"delay_f": 1e-4}, {"delay_f": 3e-4})
+    + tuple({"delay_a": delay} for delay in (5e-5, 1e-4, 2e-4, 3e-4, 4e-4)),
+    "accelerometer-lowpass": tuple({"f_b": f} for f in (400.0, 600.0, 900.0, 1400.0, 2200.0, 3500.0)),
+    "accelerometer-resonance": tuple({"f_a": f, "zeta_a": 0.03} for f in (2500.0, 3200.0, 4000.0, 5000.0, 6300.0)),
     "load-cell-inertia": ({"m_c": 0.1},),
     "sensor-offset": ({"o_f": 10.0}, {"o_a": 5.0}),
     "sensor-highpass": ({"corner_f": 0.8}, {"corner_a": 0.8}),
@@ -100,7 +109,7 @@ def candidates(recording: Followed) -> list[Column]:
     for name, values in tried():
         if LIBRARY[name].measure is not None:
             readings = misread(recording, name, _parameters(name, values))
-            found.append(Column(name, _label(name, values), readings, nothing))
+            found.append(Column(name, label(name, values), readings, nothing))
     return found + hums(recording)
 
 
@@ -109,11 +118,11 @@ def of_motion(motion: Motion) -> list[Column]:
     found = [("", name, forces) for name, forces in constants_off(motion)]
     for name, values in tried():
         if LIBRARY[name].measure is None:
-            found.append((name, _label(name, values), forces_of(name, _parameters(name, values), motion)))
+            found.append((name, label(name, values), forces_of(name, _parameters(name, values), motion)))
     second = motion.masses[1]
     return [
-        Column(name, label, np.stack([forces.rock, (forces.indenter - forces.rock) / second]), forces.shaker)
-        for name, label, forces in found
+        Column(name, words, np.stack([forces.rock, (forces.indenter - forces.rock) / second]), forces.shaker)
+        for name, words, forces in found
     ]
 
 
@@ -121,7 +130,8 @@ def _parameters(name: str, values: Values) -> tuple[float, ...]:
     return tuple(values.get(each.symbol, each.neutral) for each in LIBRARY[name].parameters)
 
 
-def _label(name: str, values: Values) -> str:
+def label(name: str, values: Values) -> str:
+    """What a candidate is called."""
     return f"{name} {', '.join(f'{symbol}={value:.3g}' for symbol, value in values.items())}"
 
 

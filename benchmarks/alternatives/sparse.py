@@ -66,13 +66,14 @@ def sr3(candidates: Floats, target: Floats) -> list[Floats]:
 
 def frols(candidates: Floats, target: Floats) -> list[Floats]:
     """Forward regression with orthogonal least squares: so many terms, each the one that explains most of the rest."""
-    model = pysindy.FROLS(max_iter=MOST_TERMS, alpha=1e-9)
-    fitted(model, candidates, target)
+    model, size = pysindy.FROLS(max_iter=MOST_TERMS, alpha=1e-9), candidates.shape[1]
+    # of columns that say exactly the same it divides by zero: a little of its own sets each apart
+    fitted(model, np.vstack([candidates, 1e-6 * np.eye(size)]), np.append(target, np.zeros(size)))
     found = []
     # the history's k-th entry has k terms
     for each in model.history_[: MOST_TERMS + 1]:
         there = np.flatnonzero(np.asarray(each).ravel())
-        coefficients = np.zeros(candidates.shape[1])
+        coefficients = np.zeros(size)
         coefficients[there] = np.linalg.lstsq(candidates[:, there], target, rcond=None)[0]
         found.append(coefficients)
     return found

@@ -17,7 +17,7 @@ from sklearn.preprocessing import StandardScaler
 from benchmarks.alternatives.following import Followed
 from drillenv.diagnosis.solver import Floats
 
-SAMPLES = {"gaussian process": 800, "neural network": 40_000}
+SAMPLES = {"gaussian process": 1500, "neural network": 40_000}
 """Drawn from the recordings to learn from."""
 ON_ROCK = 0.5
 """Share of the samples drawn in contact: what is missing of the rock shows there, and contacts are short."""
