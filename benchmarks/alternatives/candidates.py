@@ -50,7 +50,7 @@ CHOSEN: dict[str, tuple[Values, ...]] = {
     "drive-harmonics": ({"h2": 0.1}, {"h2": 0.1, "phi2": QUARTER}, {"h3": 0.1}, {"h3": 0.1, "phi3": QUARTER}),
     "guide-friction": ({"fc1": 30.0}, {"fc1": 30.0, "vs1": 1e-3}),
     "indenter-friction": ({"fc2": 30.0}, {"fc2": 30.0, "vs2": 5e-3}, {"fc2": 30.0, "vs2": 0.03}),
-    "channel-delay": ({"delay_f": 1e-4}, {"delay_f": 3e-4})
+    "channel-delay": tuple({"delay_f": delay} for delay in (1e-4, 3e-4))
     + tuple({"delay_a": delay} for delay in (5e-5, 1e-4, 2e-4, 3e-4, 4e-4)),
     "accelerometer-lowpass": tuple({"f_b": f} for f in (400.0, 600.0, 900.0, 1400.0, 2200.0, 3500.0)),
     "accelerometer-resonance": tuple({"f_a": f, "zeta_a": 0.03} for f in (2500.0, 3200.0, 4000.0, 5000.0, 6300.0)),

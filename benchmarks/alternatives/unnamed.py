@@ -17,8 +17,10 @@ from sklearn.preprocessing import StandardScaler
 from benchmarks.alternatives.following import Followed
 from drillenv.diagnosis.solver import Floats
 
-SAMPLES = {"gaussian process": 1500, "neural network": 40_000}
+SAMPLES = {"gaussian process": 800, "neural network": 40_000}
 """Drawn from the recordings to learn from."""
+LEAST = 300
+"""Of these, by which a Gaussian process finds its lengths."""
 ON_ROCK = 0.5
 """Share of the samples drawn in contact: what is missing of the rock shows there, and contacts are short."""
 Learned = Callable[[Floats], Floats]
@@ -56,7 +58,7 @@ def gaussian_process(x: Floats, y: Floats, rng: np.random.Generator) -> Learned:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         for channel in y.T:
-            few = rng.permutation(len(x))[:300]
+            few = rng.permutation(len(x))[:LEAST]
             begun = GaussianProcessRegressor(kernel).fit(scaler.transform(x[few]), channel[few])
             models.append(GaussianProcessRegressor(begun.kernel_, optimizer=None).fit(scaler.transform(x), channel))
     return lambda new: np.column_stack([each.predict(scaler.transform(new)) for each in models])
