@@ -31,7 +31,7 @@ class Settings:
 
     optimiser: str = "FROLS"
     """Of :data:`PATHS`."""
-    one_shape: bool = True
+    one_shape: bool = False
     """Whether of each function only the shape that explains most alone is offered."""
     errors: float = 1.0
     """Standard errors of the best cross-validation within which the sparsest model is taken."""
