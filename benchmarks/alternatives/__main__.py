@@ -34,6 +34,8 @@ def run(trial: Path, out: Path) -> dict[str, Any]:
     Raises:
         InputError: the trial is not finished or of another rig, or ``out`` is of another trial or other settings.
     """
+    if not (trial / "plan.json").exists():
+        raise InputError(f"{shown(str(trial))} holds no trial: give a folder that drillenv prove made")
     marks = mark_trial(trial)
     if marks.get("rig", DRILL) != DRILL:
         raise InputError(f"the trial is of the rig {marks['rig']}: give one of the {DRILL}")

@@ -106,6 +106,17 @@ def test_candidates_are_the_forces_of_the_concealed_rig(name):
         assert np.sqrt(np.mean(off**2)) < 0.1 * size, balance
 
 
+def test_the_face_of_a_mounted_rock_goes_back_as_that_of_the_concealed_rig():
+    values = {"s_r": 2e-8, "m_r": 40.0, "zeta_r": 0.1}
+    known = true_states((of_library("rock-mount-compliance", **values),), (90.0, 0.5, 0.9), np.random.default_rng(0))
+    motion, face = known.motion, known.added.face
+    touching = motion.rock > 0.0
+    began = np.maximum.accumulate(np.where(touching & ~np.roll(touching, 1), np.arange(touching.size), 0))
+    expected = -(face - face[began]) * np.where(motion.loading, motion.kl, motion.ku) * touching
+    ours = forces_of("rock-mount-compliance", tuple(values.values()), motion).rock
+    assert np.std(ours - expected) < 0.1 * np.std(expected)
+
+
 def _selected(hidden, seed, settings):
     rng = np.random.default_rng(seed)
     recordings = [true_states(hidden, setting, rng) for setting in SETTINGS]
@@ -121,7 +132,7 @@ def test_a_strong_mechanism_is_named_where_the_states_are_true(name):
 
 @pytest.mark.parametrize("optimiser", PATHS)
 def test_every_optimiser_finds_a_force_limit(optimiser):
-    settings = Settings(optimiser=optimiser, draws=5)
+    settings = Settings(optimiser=optimiser, one_shape=True, draws=5)
     assert "force-limit" in _selected((of_library("force-limit", F_max=200.0),), 2, settings).named
 
 
@@ -242,6 +253,7 @@ def trial(monkeypatch, tmp_path):
         done.append(folder.name)
         return _row(mark["campaign"], mark["group"], ({}, [], [], 1.0), ({}, [], [], 1.0), 1.0)
 
+    (tmp_path / "plan.json").touch()
     monkeypatch.setattr(command, "mark_trial", lambda place: record)
     monkeypatch.setattr(command, "unseal", lambda place, sha: [{"campaign": each["campaign"]} for each in marks])
     monkeypatch.setattr(command, "compared", compare)
@@ -265,6 +277,8 @@ def test_a_record_of_something_else_is_refused(trial):
     trial.out.write_text("[]")
     with pytest.raises(InputError, match="no record of alternatives"):
         command.run(trial.place, trial.out)
+    with pytest.raises(InputError, match="holds no trial"):
+        command.run(trial.place / "nowhere", trial.out)
     trial.record["rig"] = "one-body"
     with pytest.raises(InputError, match="percussive-drill"):
         command.run(trial.place, trial.out)
