@@ -17,7 +17,6 @@ from benchmarks.alternatives import sparse, unnamed
 from benchmarks.alternatives.candidates import candidates
 from benchmarks.alternatives.following import (
     Followed,
-    Split,
     error_left,
     fitted_constants,
     fitted_freely,
@@ -58,7 +57,6 @@ class Answer:
 class Begun(NamedTuple):
     """What all alternatives begin from."""
 
-    split: Split
     fitted: Fitted
     known: list[Followed]
     held: list[Followed]
@@ -115,7 +113,7 @@ def alternatives(
     scale = unit_of(held_out.get("before"), plain)
     known = followed(split.fitted, fitted, pool, known=True)
     to_states = time.process_time() - clock
-    begun = Begun(split, fitted, known, held)
+    begun = Begun(fitted, known, held)
     found = {CONSTANTS: Answer(by_plain, scaled(plain, scale))}
     clock = time.process_time()
     freely = error_left(followed(split.held, fitted_freely(fitted, pool), pool))

@@ -69,11 +69,6 @@ class Followed:
 
     settled: Settled
 
-    @property
-    def name(self) -> str:
-        """Of the recording."""
-        return self.settled.block.name
-
     @cached_property
     def said(self) -> Floats:
         """(2, fine samples) force in N and acceleration in m/s^2 of the model, before the logger."""

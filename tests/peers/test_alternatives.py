@@ -5,6 +5,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ class Known:
     left: np.ndarray
     noise: np.ndarray
     lost_speed: tuple
-    added: SimpleNamespace
+    added: Any
 
 
 def true_states(hidden, setting, rng):
@@ -154,7 +155,7 @@ def test_on_recordings_a_strong_damper_is_named_and_both_corrections_help(tmp_pa
     with ThreadPoolExecutor(1) as pool:
         fitted = fitted_constants(split, pool)
         known, held = followed(split.fitted, fitted, pool, known=True), followed(split.held, fitted, pool)
-    begun = comparing.Begun(split, fitted, known, held)
+    begun = comparing.Begun(fitted, known, held)
     found, error = comparing.by_sparse_regression(begun, rng)
     plain = comparing.corrected(held, [np.zeros_like(each.left) for each in held])
     assert plain > 1.03
