@@ -657,7 +657,8 @@ def with_form(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, s
             terms = tuple(each for each in finer.hypothesis.terms if each.name in {one.name for one in family.terms})
     if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
         both, joint = corrected_equation(data, named, other, family, pool)
-        if both.cost < other.cost - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
+        # priors that make a law smooth are a part of its cost, and none of what a correction gains
+        if both.cost < min(other.cost, found.cost) - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
     close = other.per_freedom < CLOSE

@@ -17,7 +17,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("fc1", "friction force on the shaker body", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),
         Parameter("vs1", "speed at which a lubricated guide begins to slide freely", "m/s", 0.0, 1.0, 0.0, (0.0, 0.0)),
-        Parameter("ds1", "displacement by which it gives before it slides", "m", 0.0, 1e-3, 0.0, (0.0, 0.0)),
+        Parameter("ds1", "displacement by which it gives before it slides", "m", 0.0, 5e-5, 0.0, (0.0, 0.0)),
         Parameter("rs1", "share by which it is larger at low speeds, of vs1 or ds1", "1", 0.0, 10.0, 0.0, (0.0, 0.0)),
         Parameter("vr1", "speed at which that has faded", "m/s", 1e-6, 10.0, 1e-3, (1e-3, 1e-3)),
     ),

@@ -17,7 +17,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("fc2", "friction force on the indenter", "N", 0.0, 1e5, 0.0, (15.0, 80.0)),
         Parameter("vs2", "speed at which a lubricated guide begins to slide freely", "m/s", 0.0, 1.0, 0.0, (0.0, 0.0)),
-        Parameter("ds2", "displacement by which it gives before it slides", "m", 0.0, 1e-3, 0.0, (0.0, 0.0)),
+        Parameter("ds2", "displacement by which it gives before it slides", "m", 0.0, 5e-5, 0.0, (0.0, 0.0)),
         Parameter("rs2", "share by which it is larger at low speeds, of vs2 or ds2", "1", 0.0, 10.0, 0.0, (0.0, 0.0)),
         Parameter("vr2", "speed at which that has faded", "m/s", 1e-6, 10.0, 0.05, (0.05, 0.05)),
     ),
