@@ -117,12 +117,12 @@ def pre_trigger(campaign: Campaign, rng: np.random.Generator) -> Campaign:
             continue
         size = round(float(rng.uniform(0.02, 0.08)) * recording.sample_rate)
 
-        def lengthened(name: str, samples: np.ndarray, size: int = size) -> np.ndarray:
+        def extend_horizon(name: str, samples: np.ndarray, size: int = size) -> np.ndarray:
             noise = float(np.std(np.diff(samples[: max(8, samples.size // 400)]))) / 1.5 or 1e-3
             level = samples[0] if name == "force" else 0.0
             return np.concatenate([level + min(noise, 5.0) * rng.standard_normal(size), samples])
 
-        campaign = with_recording(campaign, i, in_channels(recording, lengthened))
+        campaign = with_recording(campaign, i, in_channels(recording, extend_horizon))
     return campaign
 
 

@@ -15,11 +15,11 @@ from drillenv import Setting, cli
 from drillenv.checks import InputError
 from drillenv.corrected import Corrected, model_record
 from drillenv.diagnosis.constants import constants
-from drillenv.diagnosis.drill import scene_of
+from drillenv.diagnosis.drill import point_of
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.equations import Around
 from drillenv.diagnosis.fitting import priors_of
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.effects import LIBRARY, make
 from drillenv.dynamics.sensors import record
 from drillenv.planning import information as plan_information
@@ -63,13 +63,13 @@ WEAK_MOUNT = {"s_r": 2.75e-10, "m_r": 5500.0, "zeta_r": 0.11}
 def test_information_is_what_a_recording_loses(name, share, weak, monkeypatch):
     """Half the square of a small strength times the information is what the model without it leaves."""
     setting = Setting(85.0, 0.45, 1.0)
-    base = Hypothesis((constants(believed(SITE.rig, SITE.rock)),), FLAT, DRILL)
+    base = ModelStructure((constants(believed(SITE.rig, SITE.rock)),), FLAT, DRILL)
     plain = settle(SITE, setting, "running", base)
     with ThreadPoolExecutor(1) as pool:
         axes = axes_over([plain], base, pool)
     around = Around(SITE.rig.stiffness, SITE.rock.loading_stiffness, SITE.rock.unloading_stiffness)
     signature = signatures(LIBRARY[name], axes, around, np.random.default_rng(0))[0]
-    whole = Hypothesis((*base.terms, *signature.terms), axes, DRILL)
+    whole = ModelStructure((*base.terms, *signature.terms), axes, DRILL)
     information = candidate(plain, whole, len(base.unknowns), [signature]).information[-1, -1]
 
     there = {"sensors" if LIBRARY[name].measure is not None else "effects": [make(name, **weak)]}
@@ -117,10 +117,10 @@ def test_those_held_out_are_the_ones_least_needed(found):
 
 
 def test_parameters_at_a_share_are_as_strong(found):
-    scene = scene_of(found.example[1])
+    point = point_of(found.example[1])
     for signature in {each.effect: each for each in reversed(found.signatures)}.values():
         effect = LIBRARY[signature.effect]
-        size = size_of(effect, found.axes, found.around, found.example[0], scene)
+        size = size_of(effect, found.axes, found.around, found.example[0], point)
         whole = dict(zip((each.symbol for each in effect.parameters), signature.parameters, strict=True))
         for share in (1.0, 0.5):
             found_at = parameters_at(signature, share, size)

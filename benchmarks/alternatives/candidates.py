@@ -218,11 +218,11 @@ def _by_numbers(name: str, p: tuple[float, ...], motion: Motion, asked: Floats) 
 
 def misread(recording: Followed, name: str, p: tuple[float, ...]) -> Floats:
     """(2, n) by what a sensor misreads the model's force and acceleration."""
-    effect, block = LIBRARY[name], recording.settled.block
+    effect, block = LIBRARY[name], recording.estimate.block
     assert effect.measure is not None
     inside = block.inside
     force, acceleration = recording.said[:, inside]
-    true = Channels(block.scene.rate, 0.0, np.zeros_like(force), force, acceleration, block.scene.fresh)
+    true = Channels(block.point.rate, 0.0, np.zeros_like(force), force, acceleration, block.point.fresh)
     read = effect.measure(true, true, p)
     change = np.zeros_like(recording.said)
     change[:, inside] = np.stack([read.force - force, read.acceleration - acceleration])

@@ -170,7 +170,7 @@ def marked(found: sparse.Found, error: float | None, seconds: float, begun: Begu
     if found.named:
         verdict = "missing-physics"
     spread = np.sqrt(np.maximum(np.diag(begun.fitted.fit.covariance), 0.0))
-    unknowns = begun.fitted.hypothesis.unknowns
+    unknowns = begun.fitted.structure.unknowns
     stated = {
         unknowns[i].name: {"value": float(begun.fitted.values[i]), "std": float(spread[i] * unknowns[i].width)}
         for i in off

@@ -19,8 +19,16 @@ from drillenv.diagnosis.bookkeeping import with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition, without_unusable
 from drillenv.diagnosis.fitting import FREE, Fitted, fit_to
 from drillenv.diagnosis.solver import Floats, Limits
-from drillenv.diagnosis.terms import RUNNING, Hypothesis
-from drillenv.diagnosis.verdict import STRETCH, Settled, chi_square, evaluated, held_out, nominal_rig, plain_fit
+from drillenv.diagnosis.terms import RUNNING, ModelStructure
+from drillenv.diagnosis.verdict import (
+    STRETCH,
+    StateEstimate,
+    chi_square,
+    estimate_recordings,
+    held_out,
+    nominal_rig,
+    plain_fit,
+)
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
@@ -67,47 +75,47 @@ class Motion:
 class Followed:
     """A recording with its states estimated by the paper's model."""
 
-    settled: Settled
+    estimate: StateEstimate
 
     @cached_property
     def said(self) -> Floats:
         """(2, fine samples) force in N and acceleration in m/s^2 of the model, before the logger."""
-        block, own, shared = self.settled
-        return block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own).said
+        block, own, shared = self.estimate
+        return block.integrate(block.structure.model(shared * block.widths, block.point), own).said
 
     @cached_property
     def left(self) -> Floats:
         """(2, n) measured less read, N and m/s^2, where both channels are judged."""
-        block, own, shared = self.settled
+        block, own, shared = self.estimate
         read = block.read(shared * block.widths, self.said) + block.disturbance(own)
-        return (block.measured - read)[:, block.steady]
+        return (block.measured - read)[:, block.evaluation]
 
     @property
     def noise(self) -> Floats:
         """(2,) standard deviations of white noise that the recording shows whatever its model, N and m/s^2."""
-        data = self.settled.block.data
+        data = self.estimate.block.data
         return np.array([data.noise_force, data.noise_acceleration])
 
     def sampled(self, signals: Floats) -> Floats:
         """(2, n) fine signals as the logger writes them, where both channels are judged."""
-        block, _own, shared = self.settled
-        return block.sampled(shared * block.widths, signals)[:, block.steady]
+        block, _own, shared = self.estimate
+        return block.sampled(shared * block.widths, signals)[:, block.evaluation]
 
     @cached_property
     def motion(self) -> Motion:
         """States along the recording."""
-        block, own, shared = self.settled
-        unlabelled = block.hypothesis.model(shared * block.widths, block.scene)
+        block, own, shared = self.estimate
+        unlabelled = block.structure.model(shared * block.widths, block.point)
         s, data = block.labelled(own, unlabelled).s, block.data
         path = block.integrate(unlabelled, own, path=True).path
-        path = path[:, :: block.over // block.stride][:, block.steady]
-        first = RUNNING * block.scene.frequency if not block.scene.fresh else 0.0
+        path = path[:, :: block.over // block.stride][:, block.evaluation]
+        first = RUNNING * block.point.frequency if not block.point.fresh else 0.0
         touching = path[V.W] > 0.0
         began = np.concatenate([[0], np.cumsum(touching[1:] & ~touching[:-1])])
-        at = np.arange(data.force.size)[block.steady]
+        at = np.arange(data.force.size)[block.evaluation]
         return Motion(
             data.rate,
-            block.scene.frequency,
+            block.point.frequency,
             path[V.Y],
             path[V.V1],
             path[V.V2],
@@ -128,13 +136,13 @@ class Followed:
         With windows that are nearly free each says by itself how fast the shaker body is where it begins. What a model
         loses from one to the next, summed up, is an impulse that is missing over the shaker's mass.
         """
-        block, own, shared = self.settled
+        block, own, shared = self.estimate
         free = replace(block, weight=FREE)
-        own = free.settled(shared, own)
-        model = free.hypothesis.model(shared * free.widths, free.scene)
+        own = free.estimate_states(shared, own)
+        model = free.structure.model(shared * free.widths, free.point)
         begin, ends = free.begun(own, model)[:, V.V1], free.integrate(model, own).ends[:, V.V1]
         lost = np.concatenate([[0.0], np.cumsum(begin[1:] - ends[:-1])])
-        at = block.data.starts[:-1] - block.steady.start
+        at = block.data.starts[:-1] - block.evaluation.start
         inside = (at >= 0) & (at < self.left.shape[1])
         return at[inside].astype(int), lost[inside]
 
@@ -143,11 +151,11 @@ class Followed:
 
         ``correction`` (2, n) is added to what the model reads, where both channels are judged.
         """
-        block, own, _shared = self.settled
+        block, own, _shared = self.estimate
         whole = np.zeros_like(block.measured)
-        whole[:, block.steady] = self.left - correction
+        whole[:, block.evaluation] = self.left - correction
         # as a diagnosis weighs it: see Recorded.residual
-        white = block.weighed(whole[:, block.steady])
+        white = block.weighed(whole[:, block.evaluation])
         return float((white**2).sum()), white.size - own.size
 
 
@@ -184,21 +192,21 @@ def fitted_freely(fitted: Fitted, pool: Executor) -> Fitted:
 
     Masses are kept: what all forces of a motion scale with, the motion does not tell.
     """
-    term = fitted.hypothesis.terms[0]
+    term = fitted.structure.terms[0]
     for unknown in term.unknowns:
         if not unknown.name.endswith("mass"):
             term = term.freed(unknown.name)
-    hypothesis: Hypothesis = replace(fitted.hypothesis, terms=(term, *fitted.hypothesis.terms[1:]))
+    structure: ModelStructure = replace(fitted.structure, terms=(term, *fitted.structure.terms[1:]))
     data = [block.data for block in fitted.blocks]
     limits = Limits(15, 0.1, 1e-4)
-    return fit_to(data, hypothesis, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
+    return fit_to(data, structure, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
 def followed(data: Sequence[Conditioned], fitted: Fitted, pool: Executor, known: bool = False) -> list[Followed]:
     """Recordings with only what is their own fitted; of those that are ``known`` the fit has the beginning."""
-    return [Followed(each) for each in evaluated(data, fitted, pool, known=known)]
+    return [Followed(each) for each in estimate_recordings(data, fitted, pool, known=known)]
 
 
 def error_left(recordings: Sequence[Followed]) -> float:
     """Root of the reduced chi-square that the model leaves, as a report of a diagnosis states it."""
-    return float(np.sqrt(chi_square([each.settled for each in recordings])))
+    return float(np.sqrt(chi_square([each.estimate for each in recordings])))

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from drillenv.diagnosis.fitting import Fitted
     from drillenv.diagnosis.laws import Equivalent, Family
     from drillenv.diagnosis.tables import Axes
-    from drillenv.diagnosis.terms import Hypothesis, Term
+    from drillenv.diagnosis.terms import ModelStructure, Term
 
 
 class RecordingProblem(Block, Protocol):
-    """A recording as a block of the solver: its negative log-likelihood under a hypothesis."""
+    """A recording as a block of the solver: its negative log-likelihood under a model structure."""
 
-    hypothesis: Hypothesis
+    structure: ModelStructure
     weight: float
     """By which continuity constraints are widened, where there are any."""
     noise: Any
@@ -46,19 +46,19 @@ class RecordingProblem(Block, Protocol):
         """Sum of the squares of what sensors read about its mean, in variances of the noise; 0 where none is judged."""
         ...
 
-    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[RecordingProblem, Floats]:
-        """The same under a hypothesis with more terms, and its own unknowns in that layout."""
+    def under(self, structure: ModelStructure, own: Floats) -> tuple[RecordingProblem, Floats]:
+        """The same under a model structure with more terms, and its own unknowns in that layout."""
         ...
 
-    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+    def estimate_states(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after steps of their own."""
         ...
 
-    def restarted(self, shared: Floats, own: Floats) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns, those that stand out begun anew."""
         ...
 
-    def chained(self, shared: Floats, own: Floats) -> Floats:
+    def rollout(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns with which windows go on from each other."""
         ...
 
@@ -66,7 +66,7 @@ class RecordingProblem(Block, Protocol):
 class Regression:
     """A recording without unknowns of its own: whitened residuals and their derivatives say all."""
 
-    hypothesis: Hypothesis
+    structure: ModelStructure
 
     def residual(self, values: Floats) -> Floats:
         """(n,) measured less predicted in standard deviations of the noise, from parameters in their units."""
@@ -79,7 +79,7 @@ class Regression:
     @property
     def widths(self) -> Floats:
         """(parameters,) units of the solver."""
-        return np.array([each.width for each in self.hypothesis.unknowns])
+        return np.array([each.width for each in self.structure.unknowns])
 
     def cost(self, shared: Floats, own: Floats) -> float:
         """Negative log-likelihood."""
@@ -94,23 +94,23 @@ class Regression:
             0.5 * float(residual @ residual), none, -by @ residual, np.zeros((0, 0)), cross, by @ by.T, none
         )
 
-    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+    def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """The cost after a step."""
         return self.cost(shared, own), own
 
-    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[Self, Floats]:
-        """The same under another hypothesis."""
-        return replace(self, hypothesis=hypothesis), own  # type: ignore[type-var]
+    def under(self, structure: ModelStructure, own: Floats) -> tuple[Self, Floats]:
+        """The same under another structure."""
+        return replace(self, structure=structure), own  # type: ignore[type-var]
 
-    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+    def estimate_states(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """There is nothing to settle."""
         return own
 
-    def restarted(self, shared: Floats, own: Floats) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
         """There is nothing to begin anew."""
         return own
 
-    def chained(self, shared: Floats, own: Floats) -> Floats:
+    def rollout(self, shared: Floats, own: Floats) -> Floats:
         """There is nothing to chain."""
         return own
 
@@ -128,16 +128,16 @@ class Rival(NamedTuple):
 class Adapter(Protocol):
     """A rig."""
 
-    def block(self, data: Any, hypothesis: Hypothesis, weight: float, noise: Any) -> RecordingProblem:
-        """A recording under a hypothesis."""
+    def block(self, data: Any, structure: ModelStructure, weight: float, noise: Any) -> RecordingProblem:
+        """A recording under a model structure."""
         ...
 
     def first_noise(self, data: Any) -> Any:
         """A recording's noise as conditioning has found it."""
         ...
 
-    def own_for(self, own: Floats, data: Any, hypothesis: Hypothesis, noise: Any) -> Floats:
-        """Own unknowns of a recording, fitted under another hypothesis or noise, in the layout of these."""
+    def own_for(self, own: Floats, data: Any, structure: ModelStructure, noise: Any) -> Floats:
+        """Own unknowns of a recording, fitted under another structure or noise, in the layout of these."""
         ...
 
     def noise_left(self, fitted: Fitted, pool: Executor | None) -> list[Any]:
@@ -148,7 +148,9 @@ class Adapter(Protocol):
         """Axes over the ranges that the recordings visit."""
         ...
 
-    def as_stated(self, hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
+    def reparametrise_to_nominal(
+        self, structure: ModelStructure, values: Floats, places: Collection[int]
+    ) -> Equivalent:
         """The same with constants as stated that a law at one of the places can take up."""
         ...
 

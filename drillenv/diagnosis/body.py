@@ -20,8 +20,8 @@ from drillenv.diagnosis.adapter import Regression
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import Axes, look
-from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.tables import Axes, interpolate
+from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.dynamics.constitutive.places import DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY
 
@@ -183,7 +183,7 @@ def columns_of(term: Term, body: Body, axes: Axes) -> Floats:
         x = argument_of(body, term.place)
         # of the drive, less force is needed where more arrives
         turn = -1.0 if term.place == DRIVE else 1.0
-        made = np.array([turn * body.rows(look(row, axes, term.place, x)) for row in term.basis])
+        made = np.array([turn * body.rows(interpolate(row, axes, term.place, x)) for row in term.basis])
     # with the term, or another could come to have its place in memory
     kept[id(term)] = term, made
     if len(kept) > CACHED:
@@ -204,7 +204,7 @@ class ForceBalance(Regression):
     """A stretch of a recording as a block of the solver. It has no unknowns of its own."""
 
     data: Stretch
-    hypothesis: Hypothesis
+    structure: ModelStructure
     weight: float
     noise: Autoregression
 
@@ -228,7 +228,7 @@ class ForceBalance(Regression):
 
     def stiffness(self, values: Floats) -> float:
         """N/m of the law's spring; 0 where it has none."""
-        names = [each.name for each in self.hypothesis.terms[0].unknowns]
+        names = [each.name for each in self.structure.terms[0].unknowns]
         return float(values[names.index("stiffness")]) if "stiffness" in names else 0.0
 
     def of_term(self, term: Term, own: Floats, stiffness: float) -> Floats:
@@ -238,12 +238,12 @@ class ForceBalance(Regression):
             return equation_force(term.effect, term.parameters(own), body, stiffness)
         if isinstance(term, Nonlinear):
             return term.force(own, body)
-        return own @ columns_of(term, body, self.hypothesis.axes)
+        return own @ columns_of(term, body, self.structure.axes)
 
     def predicted(self, values: Floats) -> Floats:
         """(n,) N, the right side of the balance."""
         stiffness = self.stiffness(values)
-        pairs = zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True)
+        pairs = zip(self.structure.terms, self.structure.split(values), strict=True)
         return sum((self.of_term(term, own, stiffness) for term, own in pairs), np.zeros(self.data.keep.size))
 
     def left(self, values: Floats) -> Floats:
@@ -258,10 +258,10 @@ class ForceBalance(Regression):
         """(parameters, n) N, of what is predicted."""
         stiffness, first = self.stiffness(values), 0
         made = np.zeros((values.size, self.data.keep.size))
-        names = [each.name for each in self.hypothesis.terms[0].unknowns]
-        for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
+        names = [each.name for each in self.structure.terms[0].unknowns]
+        for term, own in zip(self.structure.terms, self.structure.split(values), strict=True):
             if not isinstance(term, Equation | Nonlinear):
-                made[first : first + own.size] = columns_of(term, self.data.body, self.hypothesis.axes)
+                made[first : first + own.size] = columns_of(term, self.data.body, self.structure.axes)
             else:
                 for j, unknown in enumerate(term.unknowns):
                     step = NUDGE * unknown.width

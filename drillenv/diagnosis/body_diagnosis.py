@@ -23,7 +23,7 @@ from drillenv.diagnosis.naming import THOROUGH, Named, without
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import Step, forward
 from drillenv.diagnosis.solver import Limits
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.recordings import Campaign, QualityFinding
 
 FEWEST, PARTS = 3, 6
@@ -79,10 +79,10 @@ def diagnose_body(
         plain = fit_to(stretches, begun, None, own, pool, JOINED, Limits(10, 0.5, 0.003))
         say(f"reduced chi-square {plain.per_freedom:.3f}")
         final, steps, tested = forward(stretches, plain, pool, say)
-        final = fit_to(stretches, final.hypothesis, final.fit.shared, own, pool, JOINED, Limits(30, 1e-3), final.noise)
+        final = fit_to(stretches, final.structure, final.fit.shared, own, pool, JOINED, Limits(30, 1e-3), final.noise)
         final, steps = as_sums(final, as_one(steps), pool, say)
         # both by one yardstick
-        plain = fit_to(stretches, plain.hypothesis, plain.fit.shared, own, pool, JOINED, THOROUGH, final.noise)
+        plain = fit_to(stretches, plain.structure, plain.fit.shared, own, pool, JOINED, THOROUGH, final.noise)
         return BodyReport(campaign, bodies, tuple(remarks), tuple(faults), plain, final, steps, tested, pool).outcome()
 
 
@@ -97,7 +97,7 @@ def stretches_of(bodies: Sequence[Body], mass: float) -> list[Stretch]:
     return found
 
 
-def begin(campaign: Campaign, stretches: Sequence[Stretch], mass: float) -> Hypothesis:
+def begin(campaign: Campaign, stretches: Sequence[Stretch], mass: float) -> ModelStructure:
     """The law that the lab believes in, of a rig with the noise that its richest model leaves."""
     bodies = list({id(each.body): each.body for each in stretches}.values())
 
@@ -110,10 +110,10 @@ def begin(campaign: Campaign, stretches: Sequence[Stretch], mass: float) -> Hypo
     timing, axes = sampling(bodies[0].rate, mass), axes_of_bodies(bodies)
     rig = BodyRig(stretches, Autoregression(np.zeros(0), 1.0), scale, axes, stated, gain_of_law(law))
     noise = noise_of_richest(rig, (law, timing))
-    return Hypothesis((law, timing), axes, replace(rig, noise=noise))
+    return ModelStructure((law, timing), axes, replace(rig, noise=noise))
 
 
-def white_floor(stretches: Sequence[Stretch], begun: Hypothesis) -> float:
+def white_floor(stretches: Sequence[Stretch], begun: ModelStructure) -> float:
     """N, root mean square that the white noise of the channels alone leaves of the balance as it is stated."""
     constants = {each.name: each.value for each in begun.terms[0].unknowns}
     total, rows = 0.0, 0
@@ -145,20 +145,20 @@ def as_sums(
     fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Callable[[str], object]
 ) -> tuple[Fitted, list[Step]]:
     """A fit and its steps, measured laws that two of the library's equations together say as well in two."""
-    rig, found = cast("BodyRig", fitted.hypothesis.rig), []
+    rig, found = cast("BodyRig", fitted.structure.rig), []
     data, own = [block.data for block in fitted.blocks], [np.zeros(0)] * len(fitted.blocks)
     for step in steps:
         places = {term.place for term in step.terms if isinstance(term, Curve)}
         curved = bool(places) and step.named.equation is None
         size = sum(len(term.unknowns) for term in step.terms)
-        rest, start = without(fitted, step.terms) if curved else (fitted.hypothesis, fitted.fit.shared)
+        rest, start = without(fitted, step.terms) if curved else (fitted.structure, fitted.fit.shared)
         best: tuple[Fitted, tuple[Equation, ...]] | None = None
         for pair in combinations(rig.equations(places) if curved else (), 2):
             if pair[0].effect == pair[1].effect or {each.name for each in pair} & {e.name for e in rest.terms}:
                 continue
             begun = np.concatenate([start, *(np.array(e.form.starts[0]) / [u.width for u in e.unknowns] for e in pair)])
-            hypothesis = replace(rest, terms=(*rest.terms, *pair))
-            both = fit_to(data, hypothesis, begun, own, pool, JOINED, THOROUGH, fitted.noise)
+            structure = replace(rest, terms=(*rest.terms, *pair))
+            both = fit_to(data, structure, begun, own, pool, JOINED, THOROUGH, fitted.noise)
             fewer = size - sum(len(each.unknowns) for each in pair)
             as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer)
             if as_well and (best is None or both.cost < best[0].cost):

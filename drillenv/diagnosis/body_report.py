@@ -23,10 +23,10 @@ from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import POINTS, indices_of, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import THOROUGH, without
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import Step, Tested, regular
+from drillenv.diagnosis.selection import ScoreTests, Step, regular
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import Axes, look
-from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.tables import Axes, interpolate
+from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, SURELY, TINY, WELL_EXPLAINED
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
@@ -96,7 +96,7 @@ class BodyReport:
     final: Fitted
     """With all families that were found."""
     every: list[Step]
-    tested: Tested
+    tested: ScoreTests
     pool: Executor
     steps: list[Step] = field(init=False)
     """Mechanisms that hold."""
@@ -120,16 +120,16 @@ class BodyReport:
             self.final = self.refitted(rest, start)
         if self.minor:
             self.evidence |= {id(step): self.weigh(step) for step in self.steps}
-        constants = self.plain.hypothesis.terms[0]
+        constants = self.plain.structure.terms[0]
         tight = tuple(e._replace(std=1e-4 * e.std) if math.isfinite(e.std) else e for e in constants.unknowns)
-        hypothesis = self.plain.hypothesis
-        hypothesis = replace(hypothesis, terms=(replace(constants, unknowns=tight), *hypothesis.terms[1:]))
-        self.believed = self.refitted(hypothesis, self.plain.fit.shared)
+        structure = self.plain.structure
+        structure = replace(structure, terms=(replace(constants, unknowns=tight), *structure.terms[1:]))
+        self.believed = self.refitted(structure, self.plain.fit.shared)
 
-    def refitted(self, hypothesis: Hypothesis, start: Floats) -> Fitted:
-        """Another hypothesis on the same rows by the same noise."""
+    def refitted(self, structure: ModelStructure, start: Floats) -> Fitted:
+        """Another structure on the same rows by the same noise."""
         data = [block.data for block in self.plain.blocks]
-        return fit_to(data, hypothesis, start, [np.zeros(0)] * len(data), self.pool, JOINED, THOROUGH, self.final.noise)
+        return fit_to(data, structure, start, [np.zeros(0)] * len(data), self.pool, JOINED, THOROUGH, self.final.noise)
 
     # --- what speaks for it
 
@@ -178,7 +178,7 @@ class BodyReport:
     @cached_property
     def off(self) -> list[str]:
         """Stated constants that are off by several of their tolerances."""
-        constants = self.plain.hypothesis.terms[0].unknowns
+        constants = self.plain.structure.terms[0].unknowns
         pairs = zip(constants, self.final.values, strict=False)
         return [each.name for each, value in pairs if abs(value - each.value) > SEVERAL * each.std]
 
@@ -187,7 +187,7 @@ class BodyReport:
 
         The latter by the sandwich, clustered by stretches (H. White, Econometrica 50 (1982) 1-25).
         """
-        widths = np.array([each.width for each in fitted.hypothesis.unknowns])
+        widths = np.array([each.width for each in fitted.structure.unknowns])
         gradients = np.array([part.by_shared for part in fitted.fit.parts])
         moved = gradients @ fitted.fit.covariance
         clustered = len(moved) / (len(moved) - 1) * np.sum(moved**2, axis=0)
@@ -198,7 +198,7 @@ class BodyReport:
         """Every constant of the law, fitted."""
         fitted, entry = self.stating, self.campaign.nominal["mass"]
         spread, found = self.spread(fitted), {}
-        for each, value, std in zip(self.plain.hypothesis.terms[0].unknowns, fitted.values, spread, strict=False):
+        for each, value, std in zip(self.plain.structure.terms[0].unknowns, fitted.values, spread, strict=False):
             found[each.name] = quantity(float(value), math.hypot(std, self.loose * value), UNITS[each.name])
         if entry.value is not None and "mass" not in found:
             found = {"mass": quantity(entry.value, entry.std or 0.0, "kg"), **found}
@@ -212,7 +212,7 @@ class BodyReport:
         says what is the constant's.
         """
         alone = [self.alone(step) for step in self.steps if step.named.equation is None and self.comes_near(step)]
-        free = any(math.isinf(each.std) for each in self.plain.hypothesis.terms[0].unknowns)
+        free = any(math.isinf(each.std) for each in self.plain.structure.terms[0].unknowns)
         return alone[0] if alone and free and len(self.mechanisms) == 1 else self.final
 
     @cached_property
@@ -363,16 +363,16 @@ class BodyReport:
 
         Of constants that nobody states, what is straight in a law is beyond what they are said to be.
         """
-        final, axes = self.final, self.final.hypothesis.axes
+        final, axes = self.final, self.final.structure.axes
         place = next(each.place for each in terms if isinstance(each, Curve))
         ends = axes.points(place)[[0, -1]]
         x = np.linspace(float(ends[0]), float(ends[1]), POINTS)
         straight = self.unstated(place, x)
         inside = indices_of(final, terms) + list(straight)
-        widths = np.array([final.hypothesis.unknowns[i].width for i in inside])
+        widths = np.array([final.structure.unknowns[i].width for i in inside])
         stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
         names = {each.name for each in terms}
-        terms = [each for each in final.hypothesis.terms if each.name in names]
+        terms = [each for each in final.structure.terms if each.name in names]
 
         def curve(scaled: Floats) -> Floats:
             total, first = np.zeros(POINTS), 0
@@ -390,7 +390,7 @@ class BodyReport:
         """Constants that nobody states, by place among the parameters, with their forces (n,) over an argument."""
         straight = {"offset": np.ones_like(x)}
         straight |= {SPRING: {"stiffness": x}, DAMPER: {"damping": x}, GUIDE: {"damping": x}}.get(place, {})
-        constants = self.plain.hypothesis.terms[0].unknowns
+        constants = self.plain.structure.terms[0].unknowns
         return {i: straight[e.name] for i, e in enumerate(constants) if math.isinf(e.std) and e.name in straight}
 
     def nearest(self, step: Step) -> dict[str, Any]:
@@ -411,9 +411,9 @@ class BodyReport:
         assert step.named.nearest_fit is not None
         equation, values = step.named.nearest_fit
         plain = self.plain
-        hypothesis = replace(plain.hypothesis, terms=(*plain.hypothesis.terms, equation))
+        structure = replace(plain.structure, terms=(*plain.structure.terms, equation))
         start = np.concatenate([plain.fit.shared, values / np.array([each.width for each in equation.unknowns])])
-        return self.refitted(hypothesis, start)
+        return self.refitted(structure, start)
 
     def strengths(self, step: Step, fitted: Fitted) -> dict[str, Any]:
         """Parameters of a mechanism's equation with their standard deviations."""
@@ -436,12 +436,12 @@ class BodyReport:
     @cached_property
     def lagging(self) -> Fitted:
         """The final fit with a lag of the left side behind the motion of which nothing is believed."""
-        terms = tuple(e.freed("timing") if e.name == "timing" else e for e in self.final.hypothesis.terms)
-        return self.refitted(replace(self.final.hypothesis, terms=terms), self.final.fit.shared)
+        terms = tuple(e.freed("timing") if e.name == "timing" else e for e in self.final.structure.terms)
+        return self.refitted(replace(self.final.structure, terms=terms), self.final.fit.shared)
 
     def lag_of(self, fitted: Fitted) -> tuple[float, float]:
         """s, the lag of a fit, and its standard deviation."""
-        i = [each.name for each in fitted.hypothesis.unknowns].index("timing")
+        i = [each.name for each in fitted.structure.unknowns].index("timing")
         return float(fitted.values[i]), float(self.spread(fitted)[i])
 
     def rejected(self) -> list[dict[str, Any]]:
@@ -466,7 +466,7 @@ class BodyReport:
     def block_of(self, body: Body, fitted: Fitted) -> ForceBalance:
         """A whole recording under a model."""
         data = Stretch(body, body.name, body.keep, self.plain.blocks[0].data.mass)
-        return ForceBalance(data, fitted.hypothesis, JOINED, fitted.noise[0])
+        return ForceBalance(data, fitted.structure, JOINED, fitted.noise[0])
 
     def left_of(self, body: Body, fitted: Fitted) -> Floats:
         """(n,) N, of the rows of a recording."""
@@ -550,7 +550,7 @@ class BodyReport:
             "next": [],
             "quality": [str(each) for each in self.faults],
             "constants": constants,
-            "correlations": self.stating.correlations(len(self.plain.hypothesis.terms[0].unknowns)),
+            "correlations": self.stating.correlations(len(self.plain.structure.terms[0].unknowns)),
             "rest": self.rest,
             "remarks": [*self.remarks, *self.held_remarks()],
             "cells": cells,
@@ -584,7 +584,7 @@ def is_of_speed(*steps: Step) -> bool:
 def law_at(term: Term, own: Floats, place: int, x: Floats, axes: Axes, stiffness: float) -> Floats:
     """(n,) N that a term says at arguments x (n,) of a place."""
     if isinstance(term, Curve):
-        return look(own @ term.basis, axes, term.place, x)
+        return interpolate(own @ term.basis, axes, term.place, x)
     if isinstance(term, ScaledLaw):
         # forces are those of the law times one and this: of the applied one that is so much less
         return -own[0] / (1.0 + own[0]) * x

@@ -44,7 +44,7 @@ from drillenv.diagnosis.noise import peak_offset
 from drillenv.diagnosis.selection import best_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis, Term, Unknown, mean_amplitude
+from drillenv.diagnosis.terms import ModelStructure, Term, Unknown, mean_amplitude
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.forms import Form
@@ -134,15 +134,15 @@ class BodyRig:
 
     # --- what the fits ask for
 
-    def block(self, data: Stretch, hypothesis: Hypothesis, weight: float, noise: Autoregression) -> ForceBalance:
-        """A stretch under a hypothesis."""
-        return ForceBalance(data, hypothesis, weight, noise)
+    def block(self, data: Stretch, structure: ModelStructure, weight: float, noise: Autoregression) -> ForceBalance:
+        """A stretch under a model structure."""
+        return ForceBalance(data, structure, weight, noise)
 
     def first_noise(self, data: Stretch) -> Autoregression:
         """That of the richest model."""
         return self.noise
 
-    def own_for(self, own: Floats, data: Stretch, hypothesis: Hypothesis, noise: Autoregression) -> Floats:
+    def own_for(self, own: Floats, data: Stretch, structure: ModelStructure, noise: Autoregression) -> Floats:
         """None."""
         return own
 
@@ -157,9 +157,11 @@ class BodyRig:
         """What is measured is visited, whatever the model."""
         return self.axes
 
-    def as_stated(self, hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
+    def reparametrise_to_nominal(
+        self, structure: ModelStructure, values: Floats, places: Collection[int]
+    ) -> Equivalent:
         """The model is linear: constants far from what is stated hold up no fit."""
-        return Equivalent(hypothesis.axes, values, {})
+        return Equivalent(structure.axes, values, {})
 
     # --- what may be missing
 
@@ -188,7 +190,7 @@ class BodyRig:
 
     def candidates(self, fitted: Fitted) -> list[Family]:
         """Every family of the motion, of the sensors, and what no mechanism of the library has."""
-        free = self.laws(fitted, fitted.hypothesis.axes)
+        free = self.laws(fitted, fitted.structure.axes)
         return [*free, *self.textbook(free), *self.sensors(), *self.outside()]
 
     def textbook(self, free: Sequence[Family]) -> list[Family]:
@@ -297,7 +299,7 @@ class BodyRig:
             span = float(np.ptp(self.axes.points(SPRING)))
             lengths = span / RIPPLES
             best = best_frequency(fitted, lengths, lambda length: self.ripple(length).terms[0], pool)
-            found.append(replace(self.ripple(float(lengths[best])), tried=RIPPLES.size))
+            found.append(replace(self.ripple(float(lengths[best])), look_elsewhere=RIPPLES.size))
         if "tone" not in there:
             tone = self.tone(fitted)
             found += [] if tone is None else [tone]
@@ -342,7 +344,7 @@ class BodyRig:
 
         term = Forces("tone", coefficients("tone", 2 * len(names), SOFT * self.scale.force), waves)
         text = f"it is periodic in time, at {frequency:.3g} Hz"
-        return Family("tone", "tone", (term,), sentence=text, tried=tried.size)
+        return Family("tone", "tone", (term,), sentence=text, look_elsewhere=tried.size)
 
     # --- the library's equations
 
@@ -403,11 +405,11 @@ class BodyRig:
 
     def near(self, fitted: Fitted, family: Family, equation: Equation) -> Rival:
         """Where an equation comes nearest to the free law, constants being free to take up what they can."""
-        constants = fitted.hypothesis.terms[0]
+        constants = fitted.structure.terms[0]
         count = len(constants.unknowns)
         names = {each.name for each in family.terms}
         widths = np.array([each.width for each in equation.unknowns])
-        pairs = zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True)
+        pairs = zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True)
         own = [(term, values) for term, values in pairs if term.name in names]
         bases, laws, blocks = [], [], fitted.blocks
         for block in blocks:

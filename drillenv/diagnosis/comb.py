@@ -27,7 +27,7 @@ class Comb(NamedTuple):
     """(lines,), the sum of squares each explains: two degrees of freedom of the noise."""
 
 
-def off_comb(samples: Floats, tone: float, orders: Orders) -> Comb:
+def remove_harmonics(samples: Floats, tone: float, orders: Orders) -> Comb:
     """Take the mean and all harmonics of tone / order out of a series (n,); the tone in cycles per sample.
 
     The products of the sines form a Toeplitz matrix, of Dirichlet's kernel, so that conjugate gradients with fast

@@ -21,7 +21,7 @@ from scipy.signal import cont2discrete, lfilter, upfirdn
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.coupling import ADDED
-from drillenv.diagnosis.noise import dead_band, peak_offset, quantum
+from drillenv.diagnosis.noise import converter_lsb, dead_band, peak_offset
 from drillenv.recordings import Campaign, Recording
 from drillenv.recordings.signal_faults import stretches
 from drillenv.rig import Rig, Setting
@@ -124,7 +124,7 @@ def white_noise(signal: np.ndarray) -> float:
 
 def converter_step(signal: np.ndarray) -> float:
     """Step of the converter, or twice its dead band, which loses as much."""
-    step, band = quantum(signal), dead_band(signal)
+    step, band = converter_lsb(signal), dead_band(signal)
     # the least value of a converter without a dead band is a step
     return 2.0 * band if band > 1.5 * step else step
 

@@ -13,7 +13,7 @@ from scipy.special import erfc
 
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import REACH, Model, Scene, Term, Unknown
+from drillenv.diagnosis.terms import REACH, Model, OperatingPoint, Term, Unknown
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig, Setting
@@ -46,10 +46,10 @@ def stated_forces(frequency: float, amplitude: float, pressure: float) -> tuple[
 class Constants(Term):
     """Masses, coupling, gains and rock of the paper's model."""
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Set the numbers of the paper's model."""
         m1, m2, k, c, drive, push, loading, unloading = values
-        drive_force, static_force = stated_forces(scene.frequency, scene.amplitude, scene.pressure)
+        drive_force, static_force = stated_forces(point.frequency, point.amplitude, point.pressure)
         s = model.s
         s[V.M1], s[V.M2], s[V.K], s[V.C] = m1, m2, k, c
         s[V.F_A] += drive * drive_force

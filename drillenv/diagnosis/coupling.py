@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import Axes, look, slope
+from drillenv.diagnosis.tables import Axes, interpolate, slope
 from drillenv.diagnosis.terms import Model
 from drillenv.dynamics.constitutive.places import DAMPER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_B, C, K
@@ -27,8 +27,8 @@ def from_rest(y: Floats, model: Model) -> Floats:
 def spring_coordinate(y: Floats, model: Model, axes: Axes) -> Floats:
     """Force in N of the coupling's spring at a shortening, with that of the added spring."""
     beyond = from_rest(y, model)
-    force = model.s[K] * y + ADDED * beyond + look(model.curve(SPRING), axes, SPRING, y)
-    return force + look(model.curve(SPRING_FROM_REST), axes, SPRING_FROM_REST, beyond)
+    force = model.s[K] * y + ADDED * beyond + interpolate(model.curve(SPRING), axes, SPRING, y)
+    return force + interpolate(model.curve(SPRING_FROM_REST), axes, SPRING_FROM_REST, beyond)
 
 
 def spring_slope(y: Floats, model: Model, axes: Axes) -> Floats:
@@ -44,7 +44,7 @@ def slope_from_rest(y: Floats, model: Model, axes: Axes) -> Floats:
 
 def damper_force(v: Floats, model: Model, axes: Axes) -> Floats:
     """Force in N of the coupling's damper at a closing speed."""
-    return model.s[C] * v + look(model.curve(DAMPER), axes, DAMPER, v)
+    return model.s[C] * v + interpolate(model.curve(DAMPER), axes, DAMPER, v)
 
 
 def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:

@@ -32,8 +32,8 @@ from drillenv.diagnosis.fitting import FREE, JOINED
 from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
 from drillenv.diagnosis.solver import Floats, Quadratic, factor
-from drillenv.diagnosis.tables import look
-from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Hypothesis, Model, Scene, Term
+from drillenv.diagnosis.tables import interpolate
+from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Model, ModelStructure, OperatingPoint, Term
 from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.constitutive.tables import NotSmoothError
 from drillenv.dynamics.hybrid.advance import WENT_ON
@@ -168,11 +168,11 @@ def _filter_decimate(rows, taps, over, made):
 
 
 @dataclass
-class Recorded:
+class ShootingProblem:
     """A recording as a block of the solver."""
 
     data: Conditioned
-    hypothesis: Hypothesis
+    structure: ModelStructure
     weight: float
     """By which the continuity constraints' standard deviations are widened."""
     noise: tuple[NoiseModel, NoiseModel]
@@ -183,8 +183,8 @@ class Recorded:
         self.fine: int = max(1, math.ceil(0.98 * DENSE / (data.rate * data.thinned)))
         """Times as fine as the logger's own samples."""
         self.over: int = self.fine * data.thinned
-        self.scene: Scene = scene_of(data)._replace(rate=data.rate * self.over)
-        longest = max(1, math.floor(PATH_STEP * self.scene.rate))
+        self.point: OperatingPoint = point_of(data)._replace(rate=data.rate * self.over)
+        longest = max(1, math.floor(PATH_STEP * self.point.rate))
         self.stride: int = max(each for each in range(1, longest + 1) if self.over % each == 0)
         self.starts: np.ndarray = data.starts * self.over
         self.windows: int = len(data.starts) - 1
@@ -193,9 +193,9 @@ class Recorded:
         self.judged: slice = slice(int(data.starts[0]) + REACH, int(data.starts[-1]) - REACH)
         # accelerometers that ring still speak of what was before; the same samples are judged with and without
         # them, or costs could not be compared
-        self.wait: int = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
+        self.warm_up: int = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
         """Samples of the acceleration that are judged later than those of the force."""
-        self.widths: np.ndarray = np.array([each.width for each in self.hypothesis.unknowns])
+        self.widths: np.ndarray = np.array([each.width for each in self.structure.unknowns])
         self.measured: np.ndarray = np.stack([data.force, data.acceleration])
         self.coloured: bool = any(each.corner > 0.0 for each in self.noise)
         n = data.force.size
@@ -207,27 +207,27 @@ class Recorded:
     @property
     def name(self) -> str:
         """Of the recording."""
-        return self.scene.name
+        return self.point.name
 
     @property
     def samples(self) -> int:
         """How many numbers are judged."""
-        return self.measured[:, self.judged].size - self.wait
+        return self.measured[:, self.judged].size - self.warm_up
 
     @property
     def power(self) -> float:
         """Sum of the squares of what is judged about its mean, in variances of the noise."""
         measured = self.measured[:, self.judged]
-        return float(np.sum(self.judged_only(measured - measured.mean(axis=1, keepdims=True)) ** 2))
+        return float(np.sum(self.mask_and_whiten(measured - measured.mean(axis=1, keepdims=True)) ** 2))
 
     @property
-    def steady(self) -> slice:
+    def evaluation(self) -> slice:
         """Samples of which both channels are judged."""
-        return slice(self.judged.start + self.wait, self.judged.stop)
+        return slice(self.judged.start + self.warm_up, self.judged.stop)
 
-    def judged_only(self, signals: Floats) -> Floats:
+    def mask_and_whiten(self, signals: Floats) -> Floats:
         """Signals (..., 2, judged) as the noise model weighs them, the acceleration from where it is judged on."""
-        signals[..., 1, : self.wait] = 0.0
+        signals[..., 1, : self.warm_up] = 0.0
         return self.weighed(signals)
 
     def weighed(self, signals: Floats) -> Floats:
@@ -251,7 +251,7 @@ class Recorded:
         return 2 + len(self.lines)
 
     def integrate(self, model: Model, own: Floats, varied: Varied | None = None, path: bool = False,
-                  chained: bool = False) -> Raw:  # fmt: skip
+                  rollout: bool = False) -> Raw:  # fmt: skip
         """Simulate all windows, with derivatives by own states and columns where ``varied`` says by which.
 
         ``own`` as the solver has it.
@@ -259,7 +259,7 @@ class Recorded:
         data, n, kept = self.data, self.data.force.size * self.over, self.state_count(own)
         given, states = (varied.columns, kept) if varied is not None else ((), 0)
         count = states + len(given)
-        labelled, axes = self.labelled(own, model), self.hypothesis.axes
+        labelled, axes = self.labelled(own, model), self.structure.axes
         impacts = max(model.impacts * (1.0 + COUNT_LABEL * own[self.windows * kept + 1]), 0.0)
         shot = Shot(
             np.zeros((OWN, n // self.stride if path else 0)),
@@ -278,11 +278,11 @@ class Recorded:
         if varied is not None:
             begin_by[:, :states, :kept] = varied.by_own.transpose(0, 2, 1)
             begin_by[:, states:, :kept] = varied.by_column
-        windows = Windows(self.starts, self.begun(own, model), begin_by, self.scene.rate, data.phase + made.phase,
-                          impacts, chained, self.stride, GRAZING)  # fmt: skip
+        windows = Windows(self.starts, self.begun(own, model), begin_by, self.point.rate, data.phase + made.phase,
+                          impacts, rollout, self.stride, GRAZING)  # fmt: skip
         status, _impacts = shoot(made.model, fresh_motion(made.model).d, TOLERANCE, windows, columns, shot,
                                  make_variation(made.model, count), make_scratch(made.model))  # fmt: skip
-        return raw_of(shot, windows.begin if chained else shot.ends, states, status == WENT_ON)
+        return raw_of(shot, windows.begin if rollout else shot.ends, states, status == WENT_ON)
 
     def path(self, model: Model, own: Floats) -> Floats:
         """(OWN, n) states along the motion, from the first window to the last, at the integrator's steps."""
@@ -302,13 +302,13 @@ class Recorded:
         begin = np.zeros((self.windows, OWN))
         begin[:, :kept] = self.states_of(own) * STATE_WIDTHS[:kept]
         begin[:, absent(model)] = 0.0
-        begin[:, Y] = shortening(begin[:, Y], model, self.hypothesis.axes)
-        begin[:, V1] = begin[:, V2] + closing_speed(begin[:, V1], model, self.hypothesis.axes)
+        begin[:, Y] = shortening(begin[:, Y], model, self.structure.axes)
+        begin[:, V1] = begin[:, V2] + closing_speed(begin[:, V1], model, self.structure.axes)
         return begin
 
     def varied(self, own: Floats, model: Model, given: Sequence[Column]) -> Varied:
         """By what the motion is differentiated, and what that makes of the states that windows begin with."""
-        kept, axes = self.state_count(own), self.hypothesis.axes
+        kept, axes = self.state_count(own), self.structure.axes
         begin = self.begun(own, model)
         model = self.labelled(own, model)
         y, closing = begin[:, Y], begin[:, V1] - begin[:, V2]
@@ -332,16 +332,16 @@ class Recorded:
                 by_column[:, j, V1] = -closing / damped
             elif change is not None and place in (SPRING, SPRING_FROM_REST):
                 beyond = y if place == SPRING else y - rest
-                by_column[:, j, Y] = -look(change, axes, place, beyond) / stiff
+                by_column[:, j, Y] = -interpolate(change, axes, place, beyond) / stiff
             elif change is not None and place == DAMPER:
-                by_column[:, j, V1] = -look(change, axes, place, closing) / damped
+                by_column[:, j, V1] = -interpolate(change, axes, place, closing) / damped
         return Varied(given, by_own, by_column)
 
-    def under(self, hypothesis: Hypothesis, own: Floats) -> tuple[Recorded, Floats]:
-        """The same under a hypothesis with more terms, and its own unknowns with the states that these have."""
-        kept, size = self.state_count(own), OWN if any(term.remembers for term in hypothesis.terms) else 4
+    def under(self, structure: ModelStructure, own: Floats) -> tuple[ShootingProblem, Floats]:
+        """The same under a model structure with more terms, and its own unknowns with the states that these have."""
+        kept, size = self.state_count(own), OWN if any(term.has_states for term in structure.terms) else 4
         widened = resized(own, self.windows, max(size, kept), kept, len(self.lines))
-        return replace(self, hypothesis=hypothesis), widened
+        return replace(self, structure=structure), widened
 
     def state_count(self, own: Floats) -> int:
         """States a window."""
@@ -363,17 +363,17 @@ class Recorded:
     def costs(self, shared: Floats, own: Floats) -> tuple[float, Floats]:
         """The same, and (windows,) that of each window's samples and of its end."""
         values = shared * self.widths
-        model = self.hypothesis.model(values, self.scene)
+        model = self.structure.model(values, self.point)
         raw = self.integrate(model, own)
         if not raw.good:
             return math.inf, np.full(self.windows, math.inf)
         full = np.zeros(raw.said.shape[1])
         full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
         by_window = np.add.reduceat(full, self.data.starts[:-1].astype(int))
-        gaps = (self.gaps(raw, own, model) ** 2).sum(axis=1)
-        by_window[:-1] += gaps
+        defects = (self.defects(raw, own, model) ** 2).sum(axis=1)
+        by_window[:-1] += defects
         off, precision = self.beliefs(own)
-        return 0.5 * float(full[self.judged].sum() + gaps.sum() + precision @ off**2), 0.5 * by_window
+        return 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2), 0.5 * by_window
 
     def beliefs(self, own: Floats) -> tuple[Floats, Floats]:
         """What own unknowns are off the centres of their priors, and the priors' precisions."""
@@ -387,7 +387,7 @@ class Recorded:
         precision[behind + 2 :] = self.line_precision
         return off, precision
 
-    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+    def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step; windows that it makes worse take a part of it, or steps further."""
         best, costs = self.costs(shared, own + move)
         at = own + move
@@ -396,7 +396,7 @@ class Recorded:
         kept = self.state_count(own)
         if self.weight <= 1.0:
             # the step is along the continuity constraints' tangent: from there back to where they hold
-            going_on = self.chained(shared, at)
+            going_on = self.rollout(shared, at)
             cost = self.cost(shared, going_on)
             if cost <= before:
                 return cost, going_on
@@ -419,11 +419,11 @@ class Recorded:
             at = at_best
         if before < best < WORSE * before:
             # where windows are joined, their states follow the shared parameters along a curve
-            at = self.settled(shared, at, CORRECTIONS)
+            at = self.estimate_states(shared, at, CORRECTIONS)
             best = self.cost(shared, at)
         return best, at
 
-    def restarted(self, shared: Floats, own: Floats) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
         """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin.
 
         A recording whose pressure is not to be believed is begun anew as a whole: where friction holds a mass the one
@@ -438,7 +438,7 @@ class Recorded:
         if not stray.any() or stray.mean() > 0.25 or typical > 1.5:
             return own
         kept = self.state_count(own)
-        model = self.hypothesis.model(shared * self.widths, self.scene)
+        model = self.structure.model(shared * self.widths, self.point)
         raw = self.integrate(model, own)
         states = self.states_of(own)
         behind = own[states.size :]
@@ -453,7 +453,7 @@ class Recorded:
         next_, after_next = np.roll(states, -1, axis=0), np.roll(states, -2, axis=0)
         best, at = costs, own
         for trial in (first, going_on, next_, after_next):
-            begun = self.settled(shared, np.append(np.where(stray[:, None], trial, states).ravel(), behind))
+            begun = self.estimate_states(shared, np.append(np.where(stray[:, None], trial, states).ravel(), behind))
             _, other = self.costs(shared, begun)
             better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
             at, best = np.where(better, begun, at), np.minimum(best, other)
@@ -463,26 +463,26 @@ class Recorded:
         """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
         kept = self.state_count(own)
         guess = resized(first_states(self.data), self.windows, kept, 4, len(self.lines))
-        free = replace(self, weight=FREE).settled(shared, guess)
+        free = replace(self, weight=FREE).estimate_states(shared, guess)
         free[self.windows * kept] = 0.0
-        begun = self.settled(shared, self.chained(shared, free) if self.weight <= JOINED else free)
+        begun = self.estimate_states(shared, self.rollout(shared, free) if self.weight <= JOINED else free)
         return begun if self.cost(shared, begun) < self.cost(shared, own) else own
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
         """(windows, kept) own unknowns of states (windows, OWN); the model has the recording's pressure."""
         found = states.copy()
-        found[:, Y] = spring_coordinate(states[:, Y], model, self.hypothesis.axes)
-        found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.hypothesis.axes)
+        found[:, Y] = spring_coordinate(states[:, Y], model, self.structure.axes)
+        found[:, V1] = damper_force(states[:, V1] - states[:, V2], model, self.structure.axes)
         return found[:, :kept] / STATE_WIDTHS[:kept]
 
-    def chained(self, shared: Floats, own: Floats) -> Floats:
+    def rollout(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns with which all states go on from window to window, but for the indenter's."""
         values, kept = shared * self.widths, self.state_count(own)
-        model = self.hypothesis.model(values, self.scene)
-        begin = self.integrate(model, own, chained=True).ends
+        model = self.structure.model(values, self.point)
+        begin = self.integrate(model, own, rollout=True).ends
         return np.append(self.owned(begin, self.labelled(own, model), kept).ravel(), own[self.windows * kept :])
 
-    def settled(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+    def estimate_states(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after Levenberg-Marquardt steps of their own."""
         cost, damping, part = self.cost(shared, own), 1e-3, None
         if not math.isfinite(cost):
@@ -494,7 +494,7 @@ class Recorded:
             little = max(0.5, 1e-3 * (cost - 0.5 * samples))
             if -0.5 * float(part.by_own @ move) < little:
                 break
-            after, moved = self.advance(shared, own, move, cost)
+            after, moved = self.try_step(shared, own, move, cost)
             if after < cost:
                 cost, own, damping, part = after, moved, 0.1 * damping, None
             else:
@@ -504,20 +504,20 @@ class Recorded:
     def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
         """(2, judged) measured less read, as the noise model weighs it."""
         read = self.read(values, said) + self.disturbance(own)
-        return self.judged_only((self.measured - read)[:, self.judged])
+        return self.mask_and_whiten((self.measured - read)[:, self.judged])
 
     def read(self, values: Floats, said: Floats) -> Floats:
         """(2, n) what the logger makes of the simulated signals, the lines aside."""
-        read = self.sampled(values, self.hypothesis.sense(values, said, self.scene))
+        read = self.sampled(values, self.structure.observe(values, said, self.point))
         # what is added is slow, so that the logger's filter lets it pass
-        scene = self.scene._replace(rate=self.data.rate)
-        return read + self.hypothesis.added(values, read.shape[1], scene, int(self.data.starts[0]))
+        point = self.point._replace(rate=self.data.rate)
+        return read + self.structure.added(values, read.shape[1], point, int(self.data.starts[0]))
 
     def sampled(self, values: Floats, signals: Floats) -> Floats:
         """Signals (..., fine) filtered by the logger, at its samples."""
-        return decimated(signals, self.hypothesis.kernel(values, self.fine), self.fine, self.data.thinned)
+        return decimated(signals, self.structure.kernel(values, self.fine), self.fine, self.data.thinned)
 
-    def gaps(self, raw: Raw, own: Floats, model: Model) -> Floats:
+    def defects(self, raw: Raw, own: Floats, model: Model) -> Floats:
         """(windows - 1, kept) residuals of the continuity constraints."""
         kept = self.state_count(own)
         begin = self.begun(own, model)[:, :kept]
@@ -529,17 +529,17 @@ class Recorded:
         model, columns, mixing = self.elementary(values, fixed)
         varied = self.varied(own, model, columns)
         raw = self.integrate(model, own, varied)
-        residual, gaps = self.residual(values, raw.said, own), self.gaps(raw, own, model)
-        seen = self.hypothesis.sense(values, raw.by_column, self.scene)
-        seen = self.judged_only(self.sampled(values, seen)[:, :, self.judged])
+        residual, defects = self.residual(values, raw.said, own), self.defects(raw, own, model)
+        seen = self.structure.observe(values, raw.by_column, self.point)
+        seen = self.mask_and_whiten(self.sampled(values, seen)[:, :, self.judged])
         shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, seen, mixing)
         local_mixing = self.local_mixing(columns, model)
         wide = np.concatenate([self.local_columns(seen, local_mixing), shared_columns, residual[None]])
         own_own, own_wide = self.window_products(values, raw, kept, wide)
         flat = wide.reshape(len(wide), -1)
         products = flat @ flat.T
-        e_own, e_shared = self.gap_columns(raw, own.size, varied, mixing, local_mixing)
-        g, m, count = gaps.ravel(), self.windows * kept, self.locals
+        e_own, e_shared = self.defect_columns(raw, own.size, varied, mixing, local_mixing)
+        g, m, count = defects.ravel(), self.windows * kept, self.locals
         off, precision = self.beliefs(own)
         hessian = e_own.T @ e_own
         hessian[:m, :m] += own_own
@@ -581,9 +581,9 @@ class Recorded:
         rows = np.zeros((len(self.lines), 2, self.data.force.size))
         for i, (channel, row) in enumerate(self.lines):
             rows[i, channel] = self.noise[channel].std * row
-        return np.concatenate([moved, self.judged_only(rows[:, :, self.judged])])
+        return np.concatenate([moved, self.mask_and_whiten(rows[:, :, self.judged])])
 
-    def gap_columns(self, raw: Raw, own: int, varied: Varied, mixing: Floats,
+    def defect_columns(self, raw: Raw, own: int, varied: Varied, mixing: Floats,
                     local_mixing: Floats) -> tuple[Floats, Floats]:  # fmt: skip
         """(gaps, own) and (gaps, parameters): derivatives of the continuity constraints."""
         kept = varied.by_own.shape[1]
@@ -650,10 +650,10 @@ class Recorded:
             if seen > 0:
                 own = raw.by_state[:, :, begin : begin + seen]
                 parts[i, :, :, REACH * over : REACH * over + seen] = own
-        parts = self.sampled(values, self.hypothesis.sense(values, parts, self.scene))
+        parts = self.sampled(values, self.structure.observe(values, parts, self.point))
         before = self.judged.start - int(low[0])
         parts[0, :, :, :before] = 0.0
-        parts[0, :, 1, before : before + self.wait] = 0.0
+        parts[0, :, 1, before : before + self.warm_up] = 0.0
         parts = self.weighed(parts)
         for part, length in zip(parts, high - low, strict=True):
             part[:, :, max(int(length), 0) :] = 0.0
@@ -662,22 +662,22 @@ class Recorded:
     @property
     def tail(self) -> int:
         """Samples over which sensors and noise model remember."""
-        return 10**9 if self.coloured or self.hypothesis.remembers else REACH
+        return 10**9 if self.coloured or self.structure.has_states else REACH
 
     def elementary(self, values: Floats, fixed: bool) -> tuple[Model, list[Column], Floats]:
         """The model, by what the motion is differentiated, and (columns, parameters) what that makes of each."""
-        model = self.hypothesis.model(values, self.scene)
+        model = self.structure.model(values, self.point)
         found = [Entry(Column(F_B), {})] if fixed else self.differentiated(values, model)
         if not fixed:
             first = 0
-            for term, own in zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True):
-                for wave in term.wave_columns(own, self.scene):
+            for term, own in zip(self.structure.terms, self.structure.split(values), strict=True):
+                for wave in term.wave_columns(own, self.point):
                     by = {first + place: size for place, size in wave.by.items()}
                     found.append(Entry(Column(wave.kind, wave.code, wave.turn), by))
                 first += own.size
         if model.impacts > 0.0 and model.bends(COMPACTION):
             found.append(Entry(Column(int(COUNTED)), {}))
-        mixing = np.zeros((len(found), 0 if fixed else len(self.hypothesis.unknowns)))
+        mixing = np.zeros((len(found), 0 if fixed else len(self.structure.unknowns)))
         for row, entry in zip(mixing, found, strict=True):
             for i, size in entry.by.items():
                 row[i] = size
@@ -685,10 +685,10 @@ class Recorded:
 
     def differentiated(self, values: Floats, model: Model) -> list[Entry]:
         """Columns of scalars and laws, and how the parameters' derivatives are made of them."""
-        unknowns, split = self.hypothesis.unknowns, self.hypothesis.split(values)
+        unknowns, split = self.structure.unknowns, self.structure.split(values)
         by_scalar, laws = np.zeros((SCALARS, len(unknowns))), []
         first = 0
-        for term, own in zip(self.hypothesis.terms, split, strict=True):
+        for term, own in zip(self.structure.terms, split, strict=True):
             if isinstance(term, Curve):
                 for j, change in enumerate(term.basis):
                     laws.append(Entry(Column(int(LAW), place=term.place, change=change), {first + j: 1.0}))
@@ -697,7 +697,7 @@ class Recorded:
                 ahead = own.copy()
                 ahead[j] += step
                 others = [ahead if each is own else each for each in split]
-                other = self.hypothesis.model(np.concatenate(others), self.scene)
+                other = self.structure.model(np.concatenate(others), self.point)
                 by_scalar[:, first + j] = (other.s - model.s) / step
                 laws += law_columns(model, other, first + j, step)
             first += own.size
@@ -712,12 +712,12 @@ class Recorded:
         """(parameters, 2, judged) by what the weighed reading changes with each parameter in units of its width."""
         n = self.data.force.size
         moved = np.tensordot(mixing.T, seen, 1)
-        slow = self.scene._replace(rate=self.data.rate)
+        slow = self.point._replace(rate=self.data.rate)
         read = self.read(values, raw.said)
         at, rows, first = [], [], 0
-        for i, (term, own) in enumerate(zip(self.hypothesis.terms, self.hypothesis.split(values), strict=True)):
-            adds = type(term).sense is Term.sense and type(term).kernel is Term.kernel
-            for j in range(own.size if term.senses else 0):
+        for i, (term, own) in enumerate(zip(self.structure.terms, self.structure.split(values), strict=True)):
+            adds = type(term).observe is Term.observe and type(term).kernel is Term.kernel
+            for j in range(own.size if term.observes else 0):
                 step = 1e-4 * term.unknowns[j].width
                 ahead = own.copy()
                 ahead[j] += step
@@ -725,7 +725,7 @@ class Recorded:
                     before, after = (term.add(each, slow, n, int(self.data.starts[0])) for each in (own, ahead))
                     more = None if before is None or after is None else after - before
                 else:
-                    split = self.hypothesis.split(values)
+                    split = self.structure.split(values)
                     split[i] = ahead
                     more = self.read(np.concatenate(split), raw.said) - read
                 # what is of another recording changes nothing here
@@ -734,7 +734,7 @@ class Recorded:
                     rows.append(more[:, self.judged] / step)
             first += own.size
         if rows:
-            moved[at] += self.judged_only(np.array(rows))
+            moved[at] += self.mask_and_whiten(np.array(rows))
         return moved * self.widths[:, None, None]
 
 
@@ -750,7 +750,7 @@ def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floa
     return np.concatenate([states.ravel(), behind])
 
 
-def kept_of(own: Floats, windows: int) -> int:
+def states_per_window(own: Floats, windows: int) -> int:
     """States a window of own unknowns whose lines are fewer than three windows."""
     return OWN if (own.size - 2) // windows >= OWN else 4
 
@@ -782,7 +782,9 @@ def law_columns(model: Model, other: Model, parameter: int, step: float) -> list
     return found
 
 
-def scene_of(data: Conditioned) -> Scene:
+def point_of(data: Conditioned) -> OperatingPoint:
     """What a term is told of a recording."""
     setting = data.setting
-    return Scene(data.name, data.omega / (2.0 * math.pi), data.amplitude, setting.pressure, data.rate, data.fresh)
+    return OperatingPoint(
+        data.name, data.omega / (2.0 * math.pi), data.amplitude, setting.pressure, data.rate, data.fresh
+    )

@@ -33,16 +33,16 @@ WITH_STATES = {
 """Numbers of the model that laws with states of their own set, by their group."""
 
 
-def law_of(fitted: Fitted, terms: Sequence[Term], scene) -> Model:
+def law_of(fitted: Fitted, terms: Sequence[Term], point) -> Model:
     """What some terms add to the model of a recording, the paper's constants aside."""
     names = {each.name for each in terms}
     model = Model()
-    constants = fitted.hypothesis.terms[0]
-    split = fitted.hypothesis.split(fitted.values)
-    constants.contribute(split[0], model, scene, fitted.hypothesis.axes)
-    for term, own in zip(fitted.hypothesis.terms, split, strict=True):
+    constants = fitted.structure.terms[0]
+    split = fitted.structure.split(fitted.values)
+    constants.contribute(split[0], model, point, fitted.structure.axes)
+    for term, own in zip(fitted.structure.terms, split, strict=True):
         if term.name in names:
-            term.contribute(own, model, scene, fitted.hypothesis.axes)
+            term.contribute(own, model, point, fitted.structure.axes)
     return model
 
 
@@ -77,8 +77,8 @@ def precision_of(fitted: Fitted, family: Family) -> Floats:
 
     In the solver's units.
     """
-    names = {each.name for each in (fitted.hypothesis.terms[0], *family.terms)}
-    terms = fitted.hypothesis.terms
+    names = {each.name for each in (fitted.structure.terms[0], *family.terms)}
+    terms = fitted.structure.terms
     inside = np.repeat([each.name in names for each in terms], [len(each.unknowns) for each in terms])
     covariance = fitted.fit.covariance[np.ix_(inside, inside)]  # pyright: ignore[reportCallIssue]
     precision = np.linalg.pinv(covariance, hermitian=True) + 1e-9 * np.eye(len(covariance))
@@ -91,10 +91,10 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     Nearest by the quadratic of the log-likelihood about the free fit, so that a law counts where recordings say
     something of it. Constants move with it: a free law leaves to them what they can take up, an equation need not.
     """
-    scenes = [each.scene for each in fitted.blocks]
-    found = [law_of(fitted, family.terms, scene) for scene in scenes]
-    axes, constants = fitted.hypothesis.axes, fitted.hypothesis.terms[0]
-    own = fitted.hypothesis.split(fitted.values)[0]
+    scenes = [each.point for each in fitted.blocks]
+    found = [law_of(fitted, family.terms, point) for point in scenes]
+    axes, constants = fitted.structure.axes, fitted.structure.terms[0]
+    own = fitted.structure.split(fitted.values)[0]
     curves = {term.place: np.linalg.pinv(term.basis.T) for term in family.terms if isinstance(term, Curve)}
     # the same in every recording, as is what an equation says there
     standing = {place: found[0].curve(place) for place in curves}
@@ -114,10 +114,10 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     def misfit(scaled: Floats) -> Floats:
         values, shift, rows = scaled[:-1] * width, scaled[-1], []
         off: dict[int, Floats] = {}
-        for model, scene in zip(found, seen, strict=False):
+        for model, point in zip(found, seen, strict=False):
             tried = Model()
-            constants.contribute(values[:count], tried, scene, axes)
-            equation.contribute(values[count:], tried, scene, shifted(same_forces(axes, model, tried), shift))
+            constants.contribute(values[:count], tried, point, axes)
+            equation.contribute(values[count:], tried, point, shifted(same_forces(axes, model, tried), shift))
             if not off:
                 off = {place: tried.curve(place) - standing[place] for place in curves}
             for i in (*NUMBERS.values(), V.F_A):
@@ -160,12 +160,12 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
 def rivals(fitted: Fitted, family: Family) -> list[Rival]:
     """The library's equations that could stand for a family's law, the nearest first."""
     if isinstance(family.terms[0], Sensor):
-        names = [block.scene.name for block in fitted.blocks]
+        names = [block.point.name for block in fitted.blocks]
         rate = min(block.data.rate for block in fitted.blocks)
         every = [each for each in textbook_sensors(names, rate) if each.effect in mechanisms_of(family)]
         if family.group == "hum":
             every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
-        constants = fitted.fit.shared[: len(fitted.hypothesis.terms[0].unknowns)]
+        constants = fitted.fit.shared[: len(fitted.structure.terms[0].unknowns)]
         starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
         return [
             Rival(each, [(constants, values / np.array([one.width for one in each.unknowns])) for values in begun], 0.0)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Recorded
+from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines
 from drillenv.diagnosis.solver import Floats
@@ -30,31 +30,31 @@ def noise_of(data: Conditioned) -> Noise:
 def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
     """Noise of each recording as a fit's residuals show it."""
 
-    def estimated(block: Recorded, own: Floats) -> Noise:
+    def estimated(block: ShootingProblem, own: Floats) -> Noise:
         left, quanta = left_by(fitted, block, own), block.data.quanta
         return level(left[0], quanta[0], block), level(left[1], quanta[1], block)
 
-    def level(row: Floats, quantum: float, block: Recorded) -> NoiseModel:
-        rate, tone = block.data.rate, float(block.scene.frequency)
-        found = lines_of_noise(estimate(row, rate, tone, quantum))
+    def level(row: Floats, converter_lsb: float, block: ShootingProblem) -> NoiseModel:
+        rate, tone = block.data.rate, float(block.point.frequency)
+        found = lines_of_noise(estimate(row, rate, tone, converter_lsb))
         lone = lone_lines(row, rate, tone, found)
         alone = lines_of_noise(replace(found, lines=tuple(sorted((*found.lines, *lone)))))
         if alone.lines == found.lines:
             return found
         # with them gone the level is another
         columns = line_columns(alone, row.size).T
-        again = lines_of_noise(estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, quantum))
+        again = lines_of_noise(estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, converter_lsb))
         return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
 
     each: Callable = map if pool is None else pool.map
     return list(each(estimated, fitted.blocks, fitted.fit.own))
 
 
-def left_by(fitted: Fitted, block: Recorded, own: Floats) -> Floats:
+def left_by(fitted: Fitted, block: ShootingProblem, own: Floats) -> Floats:
     """(2, n) residuals of a recording; lines that are known already are left in."""
     values = fitted.values
-    raw = block.integrate(fitted.hypothesis.model(values, block.scene), own)
-    return (block.measured - block.read(values, raw.said))[:, block.steady]
+    raw = block.integrate(fitted.structure.model(values, block.point), own)
+    return (block.measured - block.read(values, raw.said))[:, block.evaluation]
 
 
 def lines_of_noise(level: NoiseModel) -> NoiseModel:
@@ -68,8 +68,8 @@ def with_lines_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
     What a model misses of a motion that repeats itself lies on harmonics: these lines are seen however far it is off.
     """
 
-    def known(block: Recorded, own: Floats) -> Noise:
-        rate, tone = block.data.rate, float(block.scene.frequency)
+    def known(block: ShootingProblem, own: Floats) -> Noise:
+        rate, tone = block.data.rate, float(block.point.frequency)
         first, second = (
             replace(level, lines=lines_of_noise(estimate(row, rate, tone)).lines)
             for row, level in zip(left_by(fitted, block, own), block.noise, strict=True)

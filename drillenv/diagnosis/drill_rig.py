@@ -9,11 +9,19 @@ import numpy as np
 
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import Recorded, kept_of, resized
+from drillenv.diagnosis.drill import ShootingProblem, resized, states_per_window
 from drillenv.diagnosis.drill_identification import law_of, mechanisms_of, rivals, taken_up
 from drillenv.diagnosis.drill_noise import Noise, noise_left, noise_of
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import MOUNT_LAW, Equivalent, Family, as_stated, axes_of, families, kind_of_spring
+from drillenv.diagnosis.laws import (
+    MOUNT_LAW,
+    Equivalent,
+    Family,
+    axes_of,
+    families,
+    kind_of_spring,
+    reparametrise_to_nominal,
+)
 from drillenv.diagnosis.noise import nuisance
 from drillenv.diagnosis.selection import best_frequency
 from drillenv.diagnosis.sensing import ACCELEROMETER, Sensor, kind_of_response, sensor_families
@@ -21,7 +29,7 @@ from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.constitutive.places import SPRING
 from drillenv.dynamics.effects import mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
@@ -30,20 +38,20 @@ from drillenv.dynamics.hybrid import vector_field as V
 class DrillRig:
     """The adapter of the drilling rig."""
 
-    def block(self, data: Conditioned, hypothesis: Hypothesis, weight: float, noise: Noise) -> Recorded:
+    def block(self, data: Conditioned, structure: ModelStructure, weight: float, noise: Noise) -> ShootingProblem:
         """A recording by multiple shooting."""
-        return Recorded(data, hypothesis, weight, noise)
+        return ShootingProblem(data, structure, weight, noise)
 
     def first_noise(self, data: Conditioned) -> Noise:
         """White noise as conditioning has found it."""
         return noise_of(data)
 
-    def own_for(self, own: Floats, data: Conditioned, hypothesis: Hypothesis, noise: Noise) -> Floats:
+    def own_for(self, own: Floats, data: Conditioned, structure: ModelStructure, noise: Noise) -> Floats:
         """States of windows, and amplitudes of the noise model's lines."""
         windows = len(data.starts) - 1
-        size = V.OWN if any(term.remembers for term in hypothesis.terms) else 4
+        size = V.OWN if any(term.has_states for term in structure.terms) else 4
         lines = sum(len(nuisance(each, 2)[1]) for each in noise)
-        return resized(own, windows, size, kept_of(own, windows), lines)
+        return resized(own, windows, size, states_per_window(own, windows), lines)
 
     def noise_left(self, fitted: Fitted, pool: Executor | None) -> list[Noise]:
         """Noise of each recording as a fit's residuals show it."""
@@ -56,22 +64,24 @@ class DrillRig:
         rest = [float(each.s[V.F_B] / each.s[V.K]) for each in models]
         return axes_of(paths, drive, rest)
 
-    def as_stated(self, hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
+    def reparametrise_to_nominal(
+        self, structure: ModelStructure, values: Floats, places: Collection[int]
+    ) -> Equivalent:
         """The same motion with constants as stated that a law at one of the places can take up."""
-        return as_stated(hypothesis, values, places)
+        return reparametrise_to_nominal(structure, values, places)
 
     def candidates(self, fitted: Fitted) -> list[Family]:
         """Every family of the motion and of the sensors."""
         blocks = fitted.blocks
-        mounted = fitted.hypothesis.model(fitted.values, blocks[0].scene).s[V.MOUNT_GAIN] > 0.0
-        moving = self.laws(fitted, fitted.hypothesis.axes, 1)
+        mounted = fitted.structure.model(fitted.values, blocks[0].point).s[V.MOUNT_GAIN] > 0.0
+        moving = self.laws(fitted, fitted.structure.axes, 1)
         moving = [each for each in moving if mounted or each.name != MOUNT_LAW]
         reading = sensor_families([block.name for block in blocks], min(block.data.rate for block in blocks))
         return moving + reading
 
     def laws(self, fitted: Fitted, axes: Axes, detail: int) -> list[Family]:
         """Families with free laws on these axes."""
-        return families(axes, [block.scene.frequency for block in fitted.blocks], detail)
+        return families(axes, [block.point.frequency for block in fitted.blocks], detail)
 
     def at_own_frequency(self, fitted: Fitted, there: Collection[str], pool: Executor) -> list[Family]:
         """Vibrations and a turning rock."""
@@ -108,8 +118,8 @@ class DrillRig:
             return nearest
         if family.group != "spring":
             return family.mechanism
-        law = law_of(fitted, family.terms, fitted.blocks[0].scene).curve(SPRING)
-        return mechanism_of_law(kind_of_spring(fitted.hypothesis.axes.points(SPRING), law))
+        law = law_of(fitted, family.terms, fitted.blocks[0].point).curve(SPRING)
+        return mechanism_of_law(kind_of_spring(fitted.structure.axes.points(SPRING), law))
 
 
 DRILL = DrillRig()
@@ -118,6 +128,6 @@ DRILL = DrillRig()
 def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
     """Path (OWN, n) and model of each recording, where the fit stands."""
     values = fitted.values
-    models = [fitted.hypothesis.model(values, each.scene) for each in fitted.blocks]
+    models = [fitted.structure.model(values, each.point) for each in fitted.blocks]
 
-    return list(pool.map(Recorded.path, fitted.blocks, models, fitted.fit.own)), models
+    return list(pool.map(ShootingProblem.path, fitted.blocks, models, fitted.fit.own)), models

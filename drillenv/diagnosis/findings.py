@@ -17,12 +17,12 @@ from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, ax
 from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response, quantity
 from drillenv.diagnosis.naming import MOST
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import Step, Tested
+from drillenv.diagnosis.selection import ScoreTests, Step
 from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.verdict import Outcome, Settled, settled_of, wrong_constants
+from drillenv.diagnosis.verdict import Outcome, StateEstimate, estimates_of, wrong_constants
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, Effect, make
 from drillenv.dynamics.hybrid import vector_field as V
@@ -41,14 +41,14 @@ KNOTS = 40
 
 def deviations(fitted: Fitted) -> Floats:
     """Standard deviations of all parameters, in their units, over-dispersion included."""
-    widths = np.array([each.width for each in fitted.hypothesis.unknowns])
+    widths = np.array([each.width for each in fitted.structure.unknowns])
     return np.sqrt(np.diag(fitted.fit.covariance) * max(1.0, fitted.per_freedom)) * widths
 
 
 def constants_found(outcome: Outcome) -> dict[str, Any]:
     """Every constant of the rig, as it was fitted beside what was found, and as the lab states it."""
     final = outcome.final
-    found = zip(outcome.plain.hypothesis.unknowns[: len(NAMES)], final.values, deviations(final), strict=False)
+    found = zip(outcome.plain.structure.unknowns[: len(NAMES)], final.values, deviations(final), strict=False)
     return {
         each.name: {
             **quantity(float(value), std, each.unit),
@@ -61,7 +61,7 @@ def constants_found(outcome: Outcome) -> dict[str, Any]:
 
 def parameters(outcome: Outcome) -> dict[str, Any]:
     """Constants that are off by several of their tolerances."""
-    every, names = constants_found(outcome), [each.name for each in outcome.final.hypothesis.unknowns]
+    every, names = constants_found(outcome), [each.name for each in outcome.final.structure.unknowns]
     off = [names[i] for i in wrong_constants(outcome.final)]
     return {name: {key: every[name][key] for key in ("value", "std", "unit", "nominal")} for name in off}
 
@@ -134,7 +134,7 @@ def strengths(final: Fitted, step: Step) -> dict[str, Any]:
 def parameters_of(fitted: Fitted, equation: Term, spread: Floats) -> dict[str, Any]:
     """Parameters of an equation, or of a law in words of its own; ``spread`` are standard deviations of all."""
     inside = indices_of(fitted, [equation])
-    term = next(each for each in fitted.hypothesis.terms if each.name == equation.name)
+    term = next(each for each in fitted.structure.terms if each.name == equation.name)
     return term.stated(fitted.values[inside], spread[inside])
 
 
@@ -157,11 +157,11 @@ def visited(outcome: Outcome) -> Visited:
     """What all recordings visit, by the model that was found."""
     paths, drive, rest, frequencies = [], 0.0, [], []
     for block, own, shared in outcome.every:
-        model = block.hypothesis.model(shared * block.widths, block.scene)
+        model = block.structure.model(shared * block.widths, block.point)
         paths.append(block.path(model, own))
         drive = max(drive, float(model.s[V.F_A]))
         rest.append(float(model.s[V.F_B] / model.s[V.K]))
-        frequencies.append(block.scene.frequency)
+        frequencies.append(block.point.frequency)
     return Visited(axes_of(paths, drive, rest), (min(frequencies), max(frequencies)))
 
 
@@ -169,7 +169,7 @@ def median_depth(outcome: Outcome) -> float:
     """m, of the contact coordinate while loading."""
     depths = []
     for block, own in zip(outcome.final.blocks, outcome.final.fit.own, strict=True):
-        model = block.hypothesis.model(outcome.final.values, block.scene)
+        model = block.structure.model(outcome.final.values, block.point)
         path = block.path(model, own)
         loading = (path[V.W] > 0.0) & (path[V.V2] > 0.0)
         depths.append(path[V.W][loading])
@@ -206,17 +206,17 @@ def corrected(outcome: Outcome) -> Corrected:
 
 def tabulated(final: Fitted, step: Step) -> list[Chosen]:
     """The curves of a measured law as effects."""
-    model = law_of(final, step.terms, final.blocks[0].scene)
+    model = law_of(final, step.terms, final.blocks[0].point)
     made = []
     for term in step.terms:
-        if isinstance(term, Equation) and term.remembers:
+        if isinstance(term, Equation) and term.has_states:
             # of a mount, its equation alone: curves over its own motion are no effects
             own = term.parameters(final.values_of(term.name))
             symbols = [each.symbol for each in REGISTRY[term.effect].parameters]
             made.append(make(term.effect, **dict(zip(symbols, own, strict=True))))
         if not isinstance(term, Curve) or term.place in (MOUNT_SPRING, MOUNT_DAMPER):
             continue
-        x = final.hypothesis.axes.points(term.place)
+        x = final.structure.axes.points(term.place)
         y = model.curve(term.place)
         pick = np.unique(np.linspace(0, x.size - 1, KNOTS).astype(int))
         x, y = x[pick], y[pick]
@@ -232,17 +232,17 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
 def excess(outcome: Outcome) -> list[dict[str, Any]]:
     """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime."""
     cells = []
-    for settled in settled_of(outcome.plain):
-        block = settled.block
-        _reading, left, force = predicted(settled)
-        force = force[block.steady]
+    for estimate in estimates_of(outcome.plain):
+        block = estimate.block
+        _reading, left, force = predicted(estimate)
+        force = force[block.evaluation]
         rising = np.gradient(force) > 0.0
         for regime, mask in zip(CELLS, (force <= 0.0, (force > 0.0) & rising, (force > 0.0) & ~rising), strict=True):
             for channel, signal in zip(("force", "acceleration"), left, strict=True):
                 if mask.any():
                     cells.append(
                         {
-                            "recording": block.scene.name,
+                            "recording": block.point.name,
                             "channel": channel,
                             "regime": regime,
                             "samples": int(mask.sum()),
@@ -257,7 +257,7 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
     if outcome.verdict == "agrees":
         return {"balance": None, "regimes": [], "recordings": [], "summary": AGREED}
     if outcome.verdict == "parameters":
-        names = [outcome.final.hypothesis.unknowns[i].name for i in wrong_constants(outcome.final)]
+        names = [outcome.final.structure.unknowns[i].name for i in wrong_constants(outcome.final)]
         return {
             "balance": "contact" if any("loading" in name for name in names) else "indenter",
             "regimes": list(CELLS),
@@ -316,12 +316,14 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
 def rest(outcome: Outcome) -> dict[str, Any]:
     """What is left beyond the noise, of recordings held out where there are any."""
     channels, words = {}, []
-    every = [each for each in outcome.proof.after or settled_of(outcome.final) if is_followed(each)]
+    every = [each for each in outcome.proof.after or estimates_of(outcome.final) if is_followed(each)]
     if not every:
         return {"summary": "The model follows none of the recordings.", "channels": {}, "shapes": [], "lines": []}
     found = [predicted(each) for each in every]
-    left = [(each.block.measured - one.reading)[:, each.block.steady] for each, one in zip(every, found, strict=True)]
-    whole = np.concatenate([each.block.measured[:, each.block.steady] for each in every], axis=1)
+    left = [
+        (each.block.measured - one.reading)[:, each.block.evaluation] for each, one in zip(every, found, strict=True)
+    ]
+    whole = np.concatenate([each.block.measured[:, each.block.evaluation] for each in every], axis=1)
     white = np.concatenate([one.residual for one in found], axis=1)
     for j, (channel, unit) in enumerate(CHANNELS):
         over = float(np.mean(white[j] ** 2))
@@ -344,21 +346,21 @@ class Predicted(NamedTuple):
     """(n,) N of the rock."""
 
 
-def is_followed(settled: Settled) -> bool:
+def is_followed(estimate: StateEstimate) -> bool:
     """Whether states of a recording were found with which the model gets through it."""
-    return math.isfinite(settled.block.cost(settled.shared, settled.own))
+    return math.isfinite(estimate.block.cost(estimate.shared, estimate.own))
 
 
-def predicted(settled: Settled) -> Predicted:
+def predicted(estimate: StateEstimate) -> Predicted:
     """What a model says of a recording."""
-    block, own, shared = settled
+    block, own, shared = estimate
     values = shared * block.widths
-    raw = block.integrate(block.hypothesis.model(values, block.scene), own)
-    residual = block.residual(values, raw.said, own)[:, block.wait :]
+    raw = block.integrate(block.structure.model(values, block.point), own)
+    residual = block.residual(values, raw.said, own)[:, block.warm_up :]
     return Predicted(block.read(values, raw.said) + block.disturbance(own), residual, raw.said[0, :: block.over])
 
 
-def rejected(steps: Sequence[Step], tested: Tested) -> list[dict[str, str]]:
+def rejected(steps: Sequence[Step], tested: ScoreTests) -> list[dict[str, str]]:
     """Families that were passed over, with the reason."""
     said = []
     for step in steps:
@@ -385,7 +387,7 @@ def what_to_record(outcome: Outcome, cells: Sequence[Mapping[str, Any]]) -> list
             "Record a slow indentation of this rock, unloading included (drillenv indentation), and blows from rest at "
             "two amplitudes: they say the rock's law apart from the motion of the rig."
         )
-    settings = [block.scene for block, _own, _shared in outcome.every]
+    settings = [block.point for block, _own, _shared in outcome.every]
     for name, span, unit in (("frequency", FREQUENCY_RANGE, "Hz"), ("pressure", PRESSURE_RANGE, "bar")):
         values = [float(getattr(each, name)) for each in settings]
         if max(values) - min(values) < 0.5 * (span[1] - span[0]):
@@ -409,11 +411,11 @@ def remarks(outcome: Outcome) -> list[str]:
     spread = deviations(final)
     silent = [
         each.name.replace("_", " ")
-        for each, std in zip(final.hypothesis.unknowns[: len(NAMES)], spread, strict=False)
+        for each, std in zip(final.structure.unknowns[: len(NAMES)], spread, strict=False)
         if std > SILENT * each.width
     ]
     said = noise_floors(outcome)
-    lost = sorted({each.block.scene.name for each in (*outcome.proof.before, *outcome.every) if not is_followed(each)})
+    lost = sorted({each.block.point.name for each in (*outcome.proof.before, *outcome.every) if not is_followed(each)})
     if lost:
         said.append(f"No states were found with which a model follows {', '.join(lost)}: nothing is claimed of them.")
     if silent:
@@ -440,18 +442,18 @@ def noise_floors(outcome: Outcome) -> list[str]:
 def waves(outcome: Outcome) -> tuple[Wave, ...]:
     """Force and acceleration of every recording, with what was believed and what was found."""
     made = []
-    fitted = list(zip(settled_of(outcome.plain), settled_of(outcome.final), strict=True))
+    fitted = list(zip(estimates_of(outcome.plain), estimates_of(outcome.final), strict=True))
     held = list(zip(*outcome.held_out, strict=True))
     for i, (before, after) in enumerate([*fitted, *held]):
         block = after.block
-        inside = block.steady
+        inside = block.evaluation
         time = np.arange(block.data.force.size)[inside] / block.data.rate
         said = [predicted(each).reading[:, inside] for each in (before, after)]
         traces = tuple(
             Trace(channel, unit, block.measured[j, inside], said[0][j], said[1][j])
             for j, (channel, unit) in enumerate(CHANNELS)
         )
-        made.append(Wave(block.scene.name, i >= len(fitted), time, traces))
+        made.append(Wave(block.point.name, i >= len(fitted), time, traces))
     return tuple(made)
 
 

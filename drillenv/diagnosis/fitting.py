@@ -1,4 +1,4 @@
-"""Fits of a hypothesis to recordings."""
+"""Fits of a model structure to recordings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
 FREE, JOINED = 1e3, 1.0
@@ -25,9 +25,9 @@ SETTLING = 6
 
 @dataclass
 class Fitted:
-    """A hypothesis fitted to recordings."""
+    """A model structure fitted to recordings."""
 
-    hypothesis: Hypothesis
+    structure: ModelStructure
     blocks: list[Any]
     """Recordings as the rig's adapter makes them: :class:`~drillenv.diagnosis.adapter.RecordingProblem`."""
     fit: Fit
@@ -36,7 +36,7 @@ class Fitted:
     @property
     def values(self) -> Floats:
         """Of the parameters, in their units."""
-        return self.fit.shared * np.array([each.width for each in self.hypothesis.unknowns])
+        return self.fit.shared * np.array([each.width for each in self.structure.unknowns])
 
     @property
     def cost(self) -> float:
@@ -75,20 +75,20 @@ class Fitted:
 
     def values_of(self, name: str) -> Floats:
         """Parameters of a term."""
-        split = self.hypothesis.split(self.values)
-        return next(own for term, own in zip(self.hypothesis.terms, split, strict=True) if term.name == name)
+        split = self.structure.split(self.values)
+        return next(own for term, own in zip(self.structure.terms, split, strict=True) if term.name == name)
 
     def correlations(self, count: int) -> dict[str, Any]:
         """Correlation matrix of the first ``count`` parameters, with their names."""
         covariance = self.fit.covariance[:count, :count]
         scale = np.sqrt(np.diag(covariance))
-        names = [each.name for each in self.hypothesis.unknowns[:count]]
+        names = [each.name for each in self.structure.unknowns[:count]]
         return {"of": names, "matrix": np.round(covariance / np.outer(scale, scale), 3).tolist()}
 
 
-def priors_of(hypothesis: Hypothesis) -> Priors:
-    """Priors and bounds of a hypothesis' parameters, in the solver's units."""
-    unknowns = hypothesis.unknowns
+def priors_of(structure: ModelStructure) -> Priors:
+    """Priors and bounds of a structure's parameters, in the solver's units."""
+    unknowns = structure.unknowns
     widths = np.array([each.width for each in unknowns])
     return Priors(
         np.array([each.value for each in unknowns]) / widths,
@@ -98,42 +98,43 @@ def priors_of(hypothesis: Hypothesis) -> Priors:
     )
 
 
-def chained(blocks: Sequence[Any], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
-    """Own unknowns with which windows go on from each other: see :meth:`RecordingProblem.chained`."""
+def rollout(blocks: Sequence[Any], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
+    """Own unknowns with which windows go on from each other: see :meth:`RecordingProblem.rollout`."""
     each: Callable = map if pool is None else pool.map
-    return list(each(lambda block, x: block.chained(shared, x), blocks, own))
+    return list(each(lambda block, x: block.rollout(shared, x), blocks, own))
 
 
 def fit_to(
     data: Sequence[Any],
-    hypothesis: Hypothesis,
+    structure: ModelStructure,
     start: Floats | None,
     own: Sequence[Floats],
     pool: Executor | None,
     weight: float,
     limits: Limits = FULL,
     noise: Sequence[Any] | None = None,
-    settled: bool = False,
+    states_first: bool = False,
 ) -> Fitted:
-    """Fit a hypothesis; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block.
+    """Fit a model structure; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block.
 
-    Own unknowns are ``settled`` first where the start is of another kind than the model they were fitted with.
+    With ``states_first`` own unknowns are fitted alone before, where the start is of another kind than the model they
+    were fitted with.
     """
-    priors = priors_of(hypothesis)
+    priors = priors_of(structure)
     shared = priors.centre.copy() if start is None else start
-    rig = hypothesis.rig
+    rig = structure.rig
     levels = [rig.first_noise(each) if noise is None else noise[i] for i, each in enumerate(data)]
-    own = [rig.own_for(each, one, hypothesis, level) for each, one, level in zip(own, data, levels, strict=True)]
-    blocks = [rig.block(each, hypothesis, weight, level) for each, level in zip(data, levels, strict=True)]
+    own = [rig.own_for(each, one, structure, level) for each, one, level in zip(own, data, levels, strict=True)]
+    blocks = [rig.block(each, structure, weight, level) for each, level in zip(data, levels, strict=True)]
     samples = sum(each.samples for each in blocks)
-    if settled:
+    if states_first:
         each: Callable = map if pool is None else pool.map
-        own = list(each(lambda block, x: block.settled(shared, x, SETTLING), blocks, own))
+        own = list(each(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
-    own = restarted(blocks, fit, pool)
+    own = reinitialise_outliers(blocks, fit, pool)
     if any(one is not other for one, other in zip(own, fit.own, strict=True)):
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
-    return Fitted(hypothesis, blocks, fit, priors)
+    return Fitted(structure, blocks, fit, priors)
 
 
 def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, noise: Sequence[Any]) -> Fitted:
@@ -143,19 +144,19 @@ def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, n
     """
     if found.weight <= JOINED or found.per_freedom > CLOSE:
         return found
-    begun = chained(found.blocks, found.fit.shared, found.fit.own, pool)
-    at_once = fit_to(data, found.hypothesis, found.fit.shared, begun, pool, JOINED, limits, noise)
+    begun = rollout(found.blocks, found.fit.shared, found.fit.own, pool)
+    at_once = fit_to(data, found.structure, found.fit.shared, begun, pool, JOINED, limits, noise)
     if at_once.per_freedom < CLOSE:
         return at_once
     for weight in [each for each in GRADUAL if each < found.weight]:
-        further = fit_to(data, found.hypothesis, found.fit.shared, found.fit.own, pool, weight, limits, noise)
+        further = fit_to(data, found.structure, found.fit.shared, found.fit.own, pool, weight, limits, noise)
         if further.per_freedom > CLOSE:
             break
         found = further
     return found
 
 
-def restarted(blocks: Sequence[Any], fit: Fit, pool: Executor | None) -> list[Floats]:
+def reinitialise_outliers(blocks: Sequence[Any], fit: Fit, pool: Executor | None) -> list[Floats]:
     """Own unknowns of each block, windows that stand out begun anew."""
     each: Callable = map if pool is None else pool.map
-    return list(each(lambda block, own: block.restarted(fit.shared, own), blocks, fit.own))
+    return list(each(lambda block, own: block.reinitialise_outliers(fit.shared, own), blocks, fit.own))

@@ -12,8 +12,8 @@ from scipy.interpolate import BSpline
 
 from drillenv.diagnosis.equations import acts_at, grips_of, has_bristles, parameters_of, scalars_of
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import GRID, PLACES, Axes, look
-from drillenv.diagnosis.terms import DRIVE_PHASE, Hypothesis, Law, Model, Scene, Term, Unknown
+from drillenv.diagnosis.tables import GRID, PLACES, Axes, interpolate
+from drillenv.diagnosis.terms import DRIVE_PHASE, Law, Model, ModelStructure, OperatingPoint, Term, Unknown
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
     DAMPER,
@@ -89,7 +89,7 @@ class Curve(Term):
         """(coefficients,) mean square of each function's second difference."""
         return np.mean(np.diff(self.basis, 2, axis=1) ** 2, axis=1)
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the curve."""
         model.free[self.place] += values @ self.basis
 
@@ -112,9 +112,9 @@ class Gain(Term):
         powers = np.polynomial.chebyshev.chebvander(x, self.knots.size - 1)
         return float(powers[-1] @ np.linalg.lstsq(powers[:-1], values, rcond=None)[0])
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Change the drive's gain or phase at the recording's frequency."""
-        change = self.at(scene.frequency, values)
+        change = self.at(point.frequency, values)
         if self.scalar == V.F_A:
             model.s[V.F_A] *= 1.0 + change
         else:
@@ -126,9 +126,9 @@ class Air(Term):
     """Pressure that falls as the piston advances and recovers with the time ``tau``; its stiffness is free."""
 
     tau: float = 0.2
-    remembers = True
+    has_states = True
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the air's stiffness."""
         model.s[V.AIR_STIFFNESS] += values[0]
         model.s[V.AIR_RATE] = 1.0 / self.tau
@@ -140,9 +140,9 @@ class Mount(Term):
 
     frequency: float = 100.0
     ratio: float = 0.1
-    remembers = True
+    has_states = True
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the mode."""
         turn = TWO_PI * self.frequency
         model.s[V.MOUNT_GAIN] += values[0]
@@ -156,16 +156,16 @@ class Equation(Term):
 
     effect: str = ""
     form: Form = NO_FORM
-    remembers: bool = False
+    has_states: bool = False
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add what the equation says at each of its places, and of numbers of the model."""
         s, p = model.s, self.parameters(values)
         model.laws.append(Law(self.effect, self.form, p, axes))
         numbers = scalars_of(self.effect, p)
         for name, value in numbers.items():
             if name == DRIVE_LAG:
-                s[V.F_A] /= math.hypot(1.0, value * scene.frequency)
+                s[V.F_A] /= math.hypot(1.0, value * point.frequency)
             elif name in NUMBERS:
                 s[NUMBERS[name]] += value
         for name, at in GRIPS.items():
@@ -190,8 +190,8 @@ def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
             own, made = acts_at(name, form)
             if (own and not made and own <= set(places)) or (made and not own and made <= set(numbers)):
                 unknowns = tuple(_unknown(effect.parameter(symbol), form, i) for i, symbol in enumerate(form.symbols))
-                remembers = (bool(made) and DRIVE_LAG not in made) or has_bristles(name, form)
-                found.append(Equation(f"{name}: {form.name}", unknowns, name, form, remembers))
+                has_states = (bool(made) and DRIVE_LAG not in made) or has_bristles(name, form)
+                found.append(Equation(f"{name}: {form.name}", unknowns, name, form, has_states))
     return found
 
 
@@ -292,7 +292,7 @@ class Family:
     """What is said of it where no mechanism of the library claims its law."""
     textbook: bool = False
     """Whether its law is the library's equation."""
-    tried: int = 1
+    look_elsewhere: int = 1
     """Frequencies of which its own is the best."""
     constant: str = ""
     """A constant of the paper's model that need not be as stated: no mechanism is missing, and there is no term."""
@@ -318,9 +318,9 @@ class Family:
         return len(self.unknowns) + bool(self.constant)
 
     @property
-    def remembers(self) -> bool:
+    def has_states(self) -> bool:
         """Whether it has states of its own."""
-        return any(term.remembers for term in self.terms)
+        return any(term.has_states for term in self.terms)
 
 
 @dataclass(frozen=True)
@@ -455,16 +455,16 @@ def wider(axes: Axes) -> Axes:
     return Axes(axes.scale, low, (high - low) / (GRID - 1))
 
 
-def on_axes(hypothesis: Hypothesis, axes: Axes) -> Hypothesis:
+def on_axes(structure: ModelStructure, axes: Axes) -> ModelStructure:
     """The same laws on other axes, straight beyond where they were known."""
     terms = []
-    for term in hypothesis.terms:
+    for term in structure.terms:
         if isinstance(term, Curve):
             x = axes.points(term.place)
-            basis = np.array([look(row, hypothesis.axes, term.place, x) for row in term.basis])
+            basis = np.array([interpolate(row, structure.axes, term.place, x) for row in term.basis])
             term = replace(term, basis=basis)
         terms.append(term)
-    return replace(hypothesis, terms=tuple(terms), axes=axes)
+    return replace(structure, terms=tuple(terms), axes=axes)
 
 
 STRAIGHT = {
@@ -495,12 +495,12 @@ def _mounting(free: FreeLaws) -> Family:
     return Family(MOUNT_LAW, "mount", (spring, damper))
 
 
-def as_stated(hypothesis: Hypothesis, values: Floats, places: Collection[int]) -> Equivalent:
+def reparametrise_to_nominal(structure: ModelStructure, values: Floats, places: Collection[int]) -> Equivalent:
     """The same with constants as stated that a law at one of the ``places`` can take up.
 
     The curved valley of constants that are far off, and of a law that makes up for them, is a long way for a fit.
     """
-    constants, axes, values = hypothesis.terms[0], hypothesis.axes, values.copy()
+    constants, axes, values = structure.terms[0], structure.axes, values.copy()
     names = [each.name for each in constants.unknowns]
     scale, more = axes.scale.copy(), {}
     for place in places:

@@ -17,7 +17,7 @@ from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import Axes, look
+from drillenv.diagnosis.tables import Axes, interpolate
 from drillenv.diagnosis.terms import DRIVE_PHASE, Model, Term
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
@@ -95,7 +95,7 @@ class Visited(NamedTuple):
 
 
 def _at(model: Model, axes: Axes, place: int, x: Floats) -> Floats:
-    return look(model.curve(place), axes, place, x)
+    return interpolate(model.curve(place), axes, place, x)
 
 
 def _ends(axes: Axes, place: int) -> tuple[float, float]:
@@ -199,9 +199,9 @@ PLAIN: dict[str, tuple[int, str, str, str, Seen | None]] = {
 
 def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, visited: Visited) -> Shown:
     """How a family's law, of these ``terms`` now, is shown; ``depth`` is the median loading depth in m."""
-    axes = fitted.hypothesis.axes
+    axes = fitted.structure.axes
     if family.group == "spring" and isinstance(terms[0], Curve):
-        model = fitted.hypothesis.model(fitted.values, fitted.blocks[0].scene)
+        model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
         return _spring(axes, _ends(visited.axes, SPRING), model)
     if family.group in PLAIN:
         return _plain(axes, _ends(visited.axes, PLAIN[family.group][0]), *PLAIN[family.group])
@@ -240,7 +240,7 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
 def indices_of(fitted: Fitted, terms: Sequence[Term]) -> list[int]:
     """Places of the terms' parameters among all."""
     found, first = {}, 0
-    for term in fitted.hypothesis.terms:
+    for term in fitted.structure.terms:
         found[term.name] = list(range(first, first + len(term.unknowns)))
         first += len(term.unknowns)
     return [i for term in terms for i in found[term.name]]
@@ -274,8 +274,8 @@ def motions_left(fitted: Fitted) -> list[Motion]:
     """Every recording's motion, and what it leaves."""
     found = []
     for block, own in zip(fitted.blocks, fitted.fit.own, strict=True):
-        values, data, inside = fitted.values, block.data, block.steady
-        model = block.hypothesis.model(values, block.scene)
+        values, data, inside = fitted.values, block.data, block.evaluation
+        model = block.structure.model(values, block.point)
         raw = block.integrate(model, own, path=True)
         force, acceleration = (block.measured - block.read(values, raw.said) - block.disturbance(own))[:, inside]
         theta = data.phase + data.omega / data.rate * np.arange(data.force.size, dtype=np.float64)[inside]
@@ -306,10 +306,10 @@ def partial_residuals(fitted: Fitted, display: Shown, y: Floats) -> dict[str, li
 
 def nearest_curve(fitted: Fitted, display: Shown, y: Floats, equation: Equation, values: Floats) -> Floats:
     """An equation's curve, less what is straight in its difference from the law where constants take that up."""
-    axes, scene = fitted.hypothesis.axes, fitted.blocks[0].scene
+    axes, point = fitted.structure.axes, fitted.blocks[0].point
     model = Model()
-    fitted.hypothesis.terms[0].contribute(fitted.hypothesis.split(fitted.values)[0], model, scene, axes)
-    equation.contribute(values, model, scene, axes)
+    fitted.structure.terms[0].contribute(fitted.structure.split(fitted.values)[0], model, point, axes)
+    equation.contribute(values, model, point, axes)
     curve = display.y(model)
     if display.straight:
         columns = np.column_stack([np.ones_like(display.x), display.x])[:, int(display.x[0] == 0.0) :]
@@ -348,24 +348,24 @@ def measured_law(
 
 def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floats) -> Floats:
     """What some terms say at the points of a display, with shared parameters in the solver's units."""
-    hypothesis, scene = fitted.hypothesis, fitted.blocks[0].scene
-    split = hypothesis.split(shared * np.array([each.width for each in hypothesis.unknowns]))
+    structure, point = fitted.structure, fitted.blocks[0].point
+    split = structure.split(shared * np.array([each.width for each in structure.unknowns]))
     names = {each.name for each in terms}
 
     def at(frequency: float) -> Model:
         model = Model()
-        hypothesis.terms[0].contribute(split[0], model, scene, hypothesis.axes)
-        there = scene._replace(frequency=frequency)
+        structure.terms[0].contribute(split[0], model, point, structure.axes)
+        there = point._replace(frequency=frequency)
         if display.argument == "frequency":
             model.s[V.F_A] = 1.0
-        for term, own in zip(hypothesis.terms, split, strict=True):
+        for term, own in zip(structure.terms, split, strict=True):
             if term.name in names:
-                term.contribute(own, model, there, hypothesis.axes)
+                term.contribute(own, model, there, structure.axes)
         return model
 
     if display.argument == "frequency":
         return np.array([float(at(f).s[V.F_A]) - 1.0 for f in display.x])
-    return display.y(at(scene.frequency))
+    return display.y(at(point.frequency))
 
 
 def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats, Limits
-from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR
 
 FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)
@@ -45,13 +45,13 @@ class Named:
         return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + LAW_ERROR**2 * gain
 
 
-def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[Hypothesis, Floats]:
-    """The hypothesis less some of its terms, or with a constant as stated, and where a fit stands by its parameters.
+def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[ModelStructure, Floats]:
+    """The structure less some of its terms, or with a constant as stated, and where a fit stands by its parameters.
 
     In the solver's units.
     """
     names = {each.name for each in terms}
-    whole = fitted.hypothesis
+    whole = fitted.structure
     kept = [each.name not in names for each in whole.terms]
     left = [each for each, stays in zip(whole.terms, kept, strict=True) if stays]
     if constant:
@@ -60,13 +60,13 @@ def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[
     return replace(whole, terms=tuple(left)), np.concatenate(parts)
 
 
-def with_more(hypothesis: Hypothesis, begun: Floats, family: Family) -> tuple[Hypothesis, Floats]:
-    """A hypothesis with one more family, and where its parameters begin, in the solver's units."""
-    terms = [*hypothesis.terms, *family.terms]
+def with_more(structure: ModelStructure, begun: Floats, family: Family) -> tuple[ModelStructure, Floats]:
+    """A model structure with one more family, and where its parameters begin, in the solver's units."""
+    terms = [*structure.terms, *family.terms]
     if family.constant:
         terms[0] = terms[0].freed(family.constant)
     start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
-    return replace(hypothesis, terms=tuple(terms)), start
+    return replace(structure, terms=tuple(terms)), start
 
 
 def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, pool: Executor) -> Fitted:
@@ -74,15 +74,15 @@ def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, poo
 
     A lab that has fitted its constants without the mechanism states what both are together.
     """
-    constants = fitted.hypothesis.terms[0]
-    for name in fitted.hypothesis.rig.taken_up(equation):
+    constants = fitted.structure.terms[0]
+    for name in fitted.structure.rig.taken_up(equation):
         i = next((i for i, each in enumerate(constants.unknowns) if each.name == name), None)
         if i is None or abs(fitted.values[i] - constants.unknowns[i].value) < TENSE * constants.unknowns[i].std:
             continue
-        terms = (constants.freed(name), *fitted.hypothesis.terms[1:])
-        hypothesis = replace(fitted.hypothesis, terms=terms)
+        terms = (constants.freed(name), *fitted.structure.terms[1:])
+        structure = replace(fitted.structure, terms=terms)
         start, own = fitted.fit.shared, fitted.fit.own
-        return fit_to(data, hypothesis, start, own, pool, fitted.weight, THOROUGH, fitted.noise)
+        return fit_to(data, structure, start, own, pool, fitted.weight, THOROUGH, fitted.noise)
     return fitted
 
 
@@ -97,16 +97,16 @@ def name_law(
     rest, kept = without(fitted, family.terms)
     rest = on_axes(rest, wider(rest.axes))
     done = False
-    for equation, starts, worse in fitted.hypothesis.rig.rivals(fitted, family):
+    for equation, starts, worse in fitted.structure.rig.rivals(fitted, family):
         if tried and worse > gain:
             continue
         for constants, values in starts:
-            hypothesis = replace(rest, terms=(*rest.terms, equation))
+            structure = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, kept[constants.size :], values])
-            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
+            other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
             if not other.fit.converged and other.cost - fitted.cost < gain:
                 other = fit_to(
-                    data, hypothesis, other.fit.shared, other.fit.own, pool, fitted.weight, THOROUGH, fitted.noise
+                    data, structure, other.fit.shared, other.fit.own, pool, fitted.weight, THOROUGH, fitted.noise
                 )
             fewer = family.size - len(equation.unknowns)
             as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer)
@@ -133,7 +133,7 @@ def name_law(
     best, found = tried[0]
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
     explains = found.cost - fitted.cost < MOST * gain
-    mechanism = fitted.hypothesis.rig.mechanism_of(fitted, family, best.effect if explains else "")
+    mechanism = fitted.structure.rig.mechanism_of(fitted, family, best.effect if explains else "")
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
         return Named(family, best.effect, best, nearest, (best, found.values_of(best.name))), found
     return Named(family, mechanism, None, nearest, (best, found.values_of(best.name))), fitted

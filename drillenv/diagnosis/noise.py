@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, signal, stats
 
-from drillenv.diagnosis.comb import Orders, distances, off_comb
+from drillenv.diagnosis.comb import Orders, distances, remove_harmonics
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class NoiseModel:
         return 2.0 * self.std**2 / self.rate * (1.0 + self.corner / np.asarray(frequencies, dtype=float))
 
 
-def estimate(residual: ArrayLike, rate: float, fundamental: float, quantum: float = 0.0) -> NoiseModel:
+def estimate(residual: ArrayLike, rate: float, fundamental: float, converter_lsb: float = 0.0) -> NoiseModel:
     """Estimate the noise from a residual (n,) that may hold periodic misfit.
 
     Harmonics of the fundamental (Hz) and of its 2nd to 4th subharmonics are removed by least squares, and the bins
@@ -76,7 +76,7 @@ def estimate(residual: ArrayLike, rate: float, fundamental: float, quantum: floa
     model = NoiseModel(1.0, 0.0, (), rate)
     for _ in range(3):
         std, corner = _level(samples, model.lines, rate, fundamental)
-        model = replace(model, std=max(std, quantum / math.sqrt(12.0)), corner=corner)
+        model = replace(model, std=max(std, converter_lsb / math.sqrt(12.0)), corner=corner)
         lines = find_lines(samples, rate, fundamental, model)
         settled = len(lines) == len(model.lines)
         model = replace(model, lines=lines)
@@ -96,9 +96,9 @@ def _level(samples: Floats, lines: tuple[float, ...], rate: float, fundamental: 
     at_lines = np.array(lines)[:, None] * n / rate - bins
     nearest = np.minimum(nearest, np.abs(at_lines).min(axis=0, initial=np.inf))
     leverage = leverage + np.sum(np.sinc(at_lines) ** 2, axis=0)
-    rest = off_comb(samples, tone, orders).rest
+    rest = remove_harmonics(samples, tone, orders).rest
     if lines:  # seen best without the harmonics, whose fit in turn is better without the lines
-        rest = off_comb(samples - _fitted_lines(rest, lines, rate), tone, orders).rest
+        rest = remove_harmonics(samples - _fitted_lines(rest, lines, rate), tone, orders).rest
     keep = nearest > 1.0
     power = np.abs(np.fft.rfft(rest)[bins[keep]]) ** 2 / n / (1.0 - np.minimum(leverage[keep], 0.5))
     return _whittle(power, bins[keep] * rate / n)
@@ -215,7 +215,7 @@ def find_lines(residual: ArrayLike, rate: float, fundamental: float, model: Nois
 def _peaks(white: Floats, rate: float, tone: float, orders: Orders) -> tuple[float, ...]:
     """Frequencies of the lines in white noise of variance 1, away from the harmonics."""
     n = white.size
-    rest = off_comb(white, tone, orders).rest
+    rest = remove_harmonics(white, tone, orders).rest
     bins = np.arange(6, n) / 2.0  # half a bin apart, so that a line between two bins is not missed
     allowed = distances(bins, n, tone, orders)[0] > 1.5
     lines: list[float] = []
@@ -252,7 +252,7 @@ def peak_offset(before: float, peak: float, after: float) -> float:
     return 0.5 * (before - after) / bend if peak >= max(before, after) and bend < 0.0 else 0.0
 
 
-def quantum(samples: ArrayLike) -> float:
+def converter_lsb(samples: ArrayLike) -> float:
     """The converter's step: the spacing of which all differences of values are multiples; 0 where there is none."""
     known = np.unique(np.asarray(samples, dtype=float))
     known = known[np.isfinite(known)]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.selection import Step, Tested
+from drillenv.diagnosis.selection import ScoreTests, Step
 
 
 class Stage(NamedTuple):
@@ -38,7 +38,7 @@ class Known(NamedTuple):
     """The paper's model, on the same recordings."""
     final: Fitted
     steps: list[Step]
-    tested: Tested
+    tested: ScoreTests
 
 
 class Progress:
@@ -65,7 +65,7 @@ class Progress:
             estimate = f"; {span(stage.least * self._first, stage.most * self._first)} to go"
         self.say(f"{MARK}{stage.number} of {STAGES}: {stage.doing}{estimate}")
 
-    def keep(self, plain: Fitted, final: Fitted, steps: list[Step], tested: Tested) -> None:
+    def keep(self, plain: Fitted, final: Fitted, steps: list[Step], tested: ScoreTests) -> None:
         """What has been found so far."""
         self.known = Known(plain, final, steps, tested)
 

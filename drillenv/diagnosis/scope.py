@@ -32,7 +32,7 @@ class Scope:
         there = {family.name, family.group, *mechanisms}
         there |= {PLACE_NAMES[each.place] for each in family.terms if isinstance(each, Curve)}
         there |= {part for name in mechanisms if name in REGISTRY for part in REGISTRY[name].balances}
-        there |= {"sensor" for each in family.terms if each.senses}
+        there |= {"sensor" for each in family.terms if each.observes}
         return any(name in there for name in self.names)
 
 

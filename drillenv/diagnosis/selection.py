@@ -17,7 +17,7 @@ from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
 from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
-from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
@@ -48,8 +48,8 @@ class Score(NamedTuple):
     """In log-likelihood."""
     freedom: int
     p: float
-    elsewhere: float
-    """The gain on recordings that are left out: see :meth:`Information.gain_elsewhere`."""
+    cross_validated: float
+    """The gain on recordings that are left out: see :meth:`Information.cross_validated_gain`."""
 
     @property
     def confirmed(self) -> bool:
@@ -57,7 +57,7 @@ class Score(NamedTuple):
 
         Parameters that each recording has of its own, and those that one recording alone tells, gain nothing elsewhere.
         """
-        return self.elsewhere > -UNCONFIRMED * self.gain
+        return self.cross_validated > -UNCONFIRMED * self.gain
 
 
 class Information(NamedTuple):
@@ -80,7 +80,7 @@ class Information(NamedTuple):
         solved = np.linalg.solve(hessian[:k, :k], np.column_stack([gradient[:k], hessian[:k, k:]]))
         return gradient[k:] - hessian[k:, :k] @ solved[:, 0], hessian[k:, k:] - hessian[k:, :k] @ solved[:, 1:]
 
-    def gain_elsewhere(self, inside: NDArray[np.int64]) -> float:
+    def cross_validated_gain(self, inside: NDArray[np.int64]) -> float:
         """Log-likelihood that some of the parameters gain on each recording where the others say their values.
 
         What is there gains on recordings that were left out; what only takes up misfit of another kind does not.
@@ -106,7 +106,7 @@ def regular(hessian: Floats) -> Floats:
     return hessian + np.diag(1e-10 * own + 1e-12 * own.max())
 
 
-class Tested(NamedTuple):
+class ScoreTests(NamedTuple):
     """Score tests of every family."""
 
     scores: list[Score]
@@ -120,13 +120,13 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
 
     Behind these come constants of the paper's model once more, of which then nothing is believed.
     """
-    hypothesis = replace(fitted.hypothesis, terms=fitted.hypothesis.terms + tuple(terms))
+    structure = replace(fitted.structure, terms=fitted.structure.terms + tuple(terms))
     known = fitted.fit.shared.size
-    unknowns = hypothesis.unknowns
+    unknowns = structure.unknowns
     shared = np.concatenate([fitted.fit.shared, [each.value / each.width for each in unknowns[known:]]])
 
     def quadratic(block: RecordingProblem, own: Floats):
-        widened, begun = block.under(hypothesis, own)
+        widened, begun = block.under(structure, own)
         return eliminated(widened.quadratic(shared, begun), 0.0)[:2]
 
     reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
@@ -146,15 +146,15 @@ RARE = 0.05
 """Above this, p-values of the bootstrap are taken for 1."""
 
 
-def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> Tested:
+def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> ScoreTests:
     """Every family's score test.
 
     The p-value that the smallest must not exceed is drawn by a parametric bootstrap of the smallest p-value of all
     families together (P. H. Westfall and S. S. Young, Resampling-Based Multiple Testing, Wiley, 1993, Section 2.3).
     """
-    names = [each.name for each in fitted.hypothesis.terms[0].unknowns]
-    together = sorted((each for each in tried if not each.remembers), key=lambda each: bool(each.constant))
-    batches = ([together] if together else []) + [[each] for each in tried if each.remembers]
+    names = [each.name for each in fitted.structure.terms[0].unknowns]
+    together = sorted((each for each in tried if not each.has_states), key=lambda each: bool(each.constant))
+    batches = ([together] if together else []) + [[each] for each in tried if each.has_states]
     scores, smallest = [], np.ones(20000)
     rng = np.random.default_rng(seed)
     for batch in batches:
@@ -175,14 +175,14 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
             turned = axes[:, kept] / np.sqrt(own[kept])
             freedom = int(kept.sum())
             gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
-            elsewhere = known.gain_elsewhere(inside)
-            p = min(each.tried * float(chi2.sf(2.0 * gain, freedom)), 1.0)
-            scores.append(Score(each, gain, freedom, p, elsewhere))
+            cross_validated = known.cross_validated_gain(inside)
+            p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, freedom)), 1.0)
+            scores.append(Score(each, gain, freedom, p, cross_validated))
             sizes = ((drawn[:, at] @ turned) ** 2).sum(axis=1)
             # the quantile that is asked for is far below
             rare = sizes > chi2.isf(RARE, freedom)
             smallest[rare] = np.minimum(smallest[rare], chi2.sf(sizes[rare], freedom))
-    return Tested(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
+    return ScoreTests(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 
 def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term], pool: Executor) -> int:
@@ -221,7 +221,7 @@ def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor
     """
     names, first, terms = {each.name for each in family.terms}, 0, []
     covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
-    for term in fitted.hypothesis.terms:
+    for term in fitted.structure.terms:
         inside = slice(first, first + len(term.unknowns))
         first = inside.stop
         if isinstance(term, Curve) and term.name in names:
@@ -229,9 +229,9 @@ def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor
             unknowns = zip(term.unknowns, stds, strict=True)
             term = replace(term, unknowns=tuple(each._replace(std=each.width * std) for each, std in unknowns))
         terms.append(term)
-    hypothesis = replace(fitted.hypothesis, terms=tuple(terms))
+    structure = replace(fitted.structure, terms=tuple(terms))
     start, own = fitted.fit.shared, fitted.fit.own
-    return fit_to(data, hypothesis, start, own, pool, fitted.weight, MIDDLING, fitted.noise)
+    return fit_to(data, structure, start, own, pool, fitted.weight, MIDDLING, fitted.noise)
 
 
 def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> Floats:
@@ -256,10 +256,12 @@ def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int
     From constants as stated, what is straight in them being the law's, or where that does not lead back to as good a
     fit, from constants as they are.
     """
-    rig = fitted.hypothesis.rig
-    known = on_axes(fitted.hypothesis, rig.axes_at(fitted, pool))
+    rig = fitted.structure.rig
+    known = on_axes(fitted.structure, rig.axes_at(fitted, pool))
     places = [each.place for each in family.terms if isinstance(each, Curve)]
-    found = _on_finer(data, fitted, known, rig.as_stated(known, fitted.values, places), family, detail, pool)
+    found = _on_finer(
+        data, fitted, known, rig.reparametrise_to_nominal(known, fitted.values, places), family, detail, pool
+    )
     if found.cost > fitted.cost:
         as_they_are = Equivalent(known.axes, fitted.values, {})
         found = min(
@@ -271,7 +273,7 @@ def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int
 def _on_finer(
     data: Sequence[Any],
     fitted: Fitted,
-    known: Hypothesis,
+    known: ModelStructure,
     same: Equivalent,
     family: Family,
     detail: int,
@@ -285,8 +287,8 @@ def _on_finer(
         more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
         terms.append(other)
         start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
-    hypothesis, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
-    return fit_to(data, hypothesis, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
+    structure, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
+    return fit_to(data, structure, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
 
 
 @dataclass
@@ -317,8 +319,8 @@ class Step:
 
 def with_family(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
     """The fit with one more family, from its start."""
-    hypothesis, start = with_more(fitted.hypothesis, fitted.fit.shared, family)
-    return fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
+    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
+    return fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
 def with_windows_freed(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor) -> Fitted:
@@ -326,20 +328,20 @@ def with_windows_freed(fitted: Fitted, family: Family, data: Sequence[Any], pool
 
     A joined fit may creep along a curved valley where one of free windows goes straight.
     """
-    hypothesis, start = with_more(fitted.hypothesis, fitted.fit.shared, family)
-    free = fit_to(data, hypothesis, start, fitted.fit.own, pool, FREE, SHORT, fitted.noise)
+    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
+    free = fit_to(data, structure, start, fitted.fit.own, pool, FREE, SHORT, fitted.noise)
     return joined(data, free, pool, SHORT, fitted.noise)
 
 
 def candidates(fitted: Fitted) -> list[Family]:
     """Every family that a fit may be given, and constants that need not be as stated."""
-    stated = [each.name for each in fitted.hypothesis.terms[0].unknowns if math.isfinite(each.std)]
+    stated = [each.name for each in fitted.structure.terms[0].unknowns if math.isfinite(each.std)]
     wrong = [Family(f"another {name}", f"another {name}", (), constant=name) for name in stated]
-    return fitted.hypothesis.rig.candidates(fitted) + wrong
+    return fitted.structure.rig.candidates(fitted) + wrong
 
 
 Say = Callable[[str], object]
-Keep = Callable[[Fitted, list["Step"], Tested], object]
+Keep = Callable[[Fitted, list["Step"], ScoreTests], object]
 """Told a fit, the steps that it has taken, and the tests of what else there may be."""
 
 
@@ -349,9 +351,9 @@ def forward(
     pool: Executor,
     say: Say = lambda _: None,
     before: Sequence[Step] = (),
-    earlier: Tested | None = None,
+    earlier: ScoreTests | None = None,
     keep: Keep = lambda *_: None,
-) -> tuple[Fitted, list[Step], Tested]:
+) -> tuple[Fitted, list[Step], ScoreTests]:
     """Add families as long as one is called for, then leave out those that the others make needless.
 
     ``before`` are steps that the fit has taken already. Of families that were tested ``earlier`` on a part of the same
@@ -365,16 +367,16 @@ def forward(
         fitted = joined(data, fitted, pool, THOROUGH, fitted.noise)
         for i, step in enumerate(steps):
             if step.pending and fitted.per_freedom < CLOSE:
-                steps[i] = with_form(data, fitted, step, pool, say)
+                steps[i] = identify_equation(data, fitted, step, pool, say)
                 fitted = steps[i].after
         named = {step.family.group for step in steps if step.named.equation is not None}
         scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool), pool)
         level = level if earlier is None else min(level, earlier.level)
         # a step may be changed further on, and a search may be interrupted there
-        keep(fitted, [replace(each) for each in steps], Tested(scores, level))
+        keep(fitted, [replace(each) for each in steps], ScoreTests(scores, level))
         needed = [least_gain(each, fitted, steps, scores) for each in scores]
         best = ", ".join(
-            f"{each.family.name} {each.gain:.1f} ({each.elsewhere:.1f}) of {least:.1f}"
+            f"{each.family.name} {each.gain:.1f} ({each.cross_validated:.1f}) of {least:.1f}"
             for each, least in zip(scores[:5], needed, strict=False)
         )
         say(f"score tests: {best}; p below {level:.2g}")
@@ -389,7 +391,7 @@ def forward(
             fitted = other
             continue
         if step is None:
-            tested = Tested(scores, level)
+            tested = ScoreTests(scores, level)
             return (*backward(data, fitted, steps, tested, pool, say, found_here=earlier is None), tested)
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
         if corrected is None:
@@ -409,12 +411,12 @@ def still_possible(
     found = [
         each
         for each in candidates(fitted)
-        if each.group not in measured and not (each.remembers and each.group in there)
+        if each.group not in measured and not (each.has_states and each.group in there)
         if possible is None or each.name in possible
     ]
     if fitted.per_freedom > 1.0 + LEFT:
-        found += fitted.hypothesis.rig.at_own_frequency(fitted, there, pool)
-    scope, rig = fitted.hypothesis.scope, fitted.hypothesis.rig
+        found += fitted.structure.rig.at_own_frequency(fitted, there, pool)
+    scope, rig = fitted.structure.scope, fitted.structure.rig
     return found if scope is None else [each for each in found if scope.has(each, rig.mechanisms_of(each))]
 
 
@@ -435,7 +437,7 @@ def with_finer_law(
             if finer.cost < fitted.cost - penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted):
                 say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
                 names = {each.name for each in step.terms}
-                step.terms = tuple(each for each in finer.hypothesis.terms if each.name in names)
+                step.terms = tuple(each for each in finer.structure.terms if each.name in names)
                 step.family = replace(step.family, terms=step.terms)
                 return finer
     return None
@@ -456,14 +458,14 @@ def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: 
         for family in close:
             if any(each.family.group == family.group for each in steps):
                 continue
-            hypothesis, start = with_more(rest, begun, family)
-            other = fit_to(data, hypothesis, start, fitted.fit.own, pool, fitted.weight, LONG, fitted.noise)
+            structure, start = with_more(rest, begun, family)
+            other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, LONG, fitted.noise)
             finer = refined(data, other, family, pool)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
             if criterion(finer, fitted) < criterion(fitted, fitted):
                 fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
-                base = replace(fitted, hypothesis=rest, fit=fit)
-                found = settled(data, base, family, other, family.size, pool, say, False)
+                base = replace(fitted, structure=rest, fit=fit)
+                found = accept(data, base, family, other, family.size, pool, say, False)
                 step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
                 step.pending = found.pending
                 return found.after
@@ -489,7 +491,7 @@ def least_gain(score: Score, fitted: Fitted, steps: Sequence[Step], scores: Sequ
     others = [step for step in steps if step.family.group != score.family.group]
     own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
     left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
-    return max(least, errors_of_laws(fitted, others, scores), left, resolved_gain(score.family, fitted))
+    return max(least, misfit_allowance(fitted, others, scores), left, resolved_gain(score.family, fitted))
 
 
 def resolved_gain(family: Family, fitted: Fitted) -> float:
@@ -497,7 +499,7 @@ def resolved_gain(family: Family, fitted: Fitted) -> float:
     return 0.0 if family.constant else fitted.resolved
 
 
-def errors_of_laws(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
+def misfit_allowance(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
     """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most half of what is left.
 
     What an equation leaves is what a free correction of the same mechanism gains: another that gains less takes up a
@@ -535,7 +537,7 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
     more = [each for each in called if each.family.constant and each not in chosen]
     chosen += [each for each in more if each.gain >= NEAR * called[0].gain][:CANDIDATES]
     for each in scores if called else []:
-        resonant = each.family.remembers and each.p < level and (far or each.gain > FAINT * called[0].gain)
+        resonant = each.family.has_states and each.p < level and (far or each.gain > FAINT * called[0].gain)
         if resonant and all(each.family.name != other.family.name for other in chosen):
             chosen.append(each)
     return chosen
@@ -554,15 +556,15 @@ def best_step(
 
     One of the groups ``named`` corrects an equation and follows none itself.
     """
-    resonant = [each for each in chosen if each.family.remembers]
-    fits = followed(data, fitted, [each for each in chosen if not each.family.remembers], pool, say)
+    resonant = [each for each in chosen if each.family.has_states]
+    fits = refine_candidates(data, fitted, [each for each in chosen if not each.family.has_states], pool, say)
     if resonant and not (fits and explains_all(fits[0][1], fitted)):
-        fits += followed(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
+        fits += refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.freedom), resolved_gain(best.family, fitted)):
         return None
-    step = settled(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
+    step = accept(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
 
@@ -577,7 +579,7 @@ def explains_all(other: Fitted, fitted: Fitted) -> bool:
     return other.per_freedom - 1.0 < LAW_LEFT * (fitted.per_freedom - 1.0)
 
 
-def followed(
+def refine_candidates(
     data: Sequence[Any],
     fitted: Fitted,
     chosen: Sequence[Score],
@@ -594,7 +596,7 @@ def followed(
         return fits
     first, found = fits[0]
     least = fitted.cost - min(other.cost for _, other in fits)
-    if fitted.weight == JOINED and not first.family.remembers and least < PROMISED * first.gain:
+    if fitted.weight == JOINED and not first.family.has_states and least < PROMISED * first.gain:
         again = with_windows_freed(fitted, first.family, data, pool)
         if again.weight == JOINED and again.cost < found.cost:
             say(f"  {first.family.name}, windows free at first: gain {fitted.cost - again.cost:.1f}")
@@ -606,7 +608,7 @@ def followed(
         if best is not None and other.cost > best + near * (fitted.cost - best):
             break
         start = other.fit.shared
-        again = fit_to(data, other.hypothesis, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
+        again = fit_to(data, other.structure, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
         best = again.cost if best is None else min(best, again.cost)
@@ -614,7 +616,7 @@ def followed(
     return fits
 
 
-def settled(
+def accept(
     data: Sequence[Any],
     fitted: Fitted,
     family: Family,
@@ -636,10 +638,10 @@ def settled(
     gain = max(fitted.cost - found.cost, 1.0)
     pending = not (correction or family.constant)
     step = Step(family, gain, freedom, fitted, found, named, family.terms, [], pending=pending)
-    return with_form(data, found, step, pool, say)
+    return identify_equation(data, found, step, pool, say)
 
 
-def with_form(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, say: Say) -> Step:
+def identify_equation(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, say: Say) -> Step:
     """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for."""
     family, gain, found = step.family, step.gain, fitted
     if step.pending:
@@ -654,7 +656,7 @@ def with_form(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, s
         fewer = finer.fit.shared.size - other.fit.shared.size
         if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer):
             named.equation, other = None, finer
-            terms = tuple(each for each in finer.hypothesis.terms if each.name in {one.name for one in family.terms})
+            terms = tuple(each for each in finer.structure.terms if each.name in {one.name for one in family.terms})
     if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
         both, joint = corrected_equation(data, named, other, family, pool)
         # priors that make a law smooth are a part of its cost, and none of what a correction gains
@@ -662,9 +664,9 @@ def with_form(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, s
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
     close = other.per_freedom < CLOSE
-    noise, limits = (other.hypothesis.rig.noise_left(other, pool), MIDDLING) if close else (other.noise, SHORT)
-    hypothesis = on_axes(other.hypothesis, other.hypothesis.rig.axes_at(other, pool))
-    other = fit_to(data, hypothesis, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
+    noise, limits = (other.structure.rig.noise_left(other, pool), MIDDLING) if close else (other.noise, SHORT)
+    structure = on_axes(other.structure, other.structure.rig.axes_at(other, pool))
+    other = fit_to(data, structure, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return replace(step, after=other, named=named, terms=terms, pending=False)
@@ -679,9 +681,9 @@ def corrected_equation(
     rest, begun = without(other, family.terms)
     scaled = start / np.array([each.width for each in equation.unknowns])
     zeros = np.array([each.value / each.width for each in family.unknowns])
-    hypothesis = replace(rest, terms=(*rest.terms, equation, *family.terms))
+    structure = replace(rest, terms=(*rest.terms, equation, *family.terms))
     begun = np.concatenate([begun, scaled, zeros])
-    both = fit_to(data, hypothesis, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
+    both = fit_to(data, structure, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
     return both, (equation, *family.terms)
 
 
@@ -689,7 +691,7 @@ def backward(
     data: Sequence[Any],
     fitted: Fitted,
     steps: list[Step],
-    tested: Tested,
+    tested: ScoreTests,
     pool: Executor,
     say: Say,
     found_here: bool,
@@ -699,7 +701,7 @@ def backward(
     The last one is left out as well where it was not ``found_here`` but on a part of these samples.
     """
     kept = list(steps)
-    least, level = errors_of_laws(fitted, steps, tested.scores), tested.level
+    least, level = misfit_allowance(fitted, steps, tested.scores), tested.level
     for step in sorted(steps, key=lambda each: each.gain):
         if found_here and len(kept) < 2:
             break

@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete, lfilter, oaconvolve
 
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.terms import Scene, Term, Unknown, mean_amplitude
+from drillenv.diagnosis.terms import OperatingPoint, Term, Unknown, mean_amplitude
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.rig import PUSH
 
@@ -54,7 +54,7 @@ class Sensor(Term):
     effect: str = ""
     """The mechanism of the library whose equation it is; none of a free law."""
 
-    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+    def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
         """(2, n) what it adds whatever the motion, of which ``first`` is the first sample."""
         return None
 
@@ -67,7 +67,7 @@ class Sensor(Term):
         middle = round(0.02 * rate)
         true = np.zeros((2, 2, middle + round(seconds * rate)))
         true[[0, 1], [0, 1], middle] = 1.0
-        return middle, self.sense(values, true, Scene("", 80.0, 0.45, 1.0, rate, False))
+        return middle, self.observe(values, true, OperatingPoint("", 80.0, 0.45, 1.0, rate, False))
 
     def reach(self, values: Floats, rate: float) -> tuple[int, int]:
         """Samples by which it looks ahead, and that it remembers: beyond, a response is below 1e-3 of its largest."""
@@ -177,9 +177,9 @@ class Law(Sensor):
 
     law: Callable[[Floats, Floats, Floats, float], tuple[Floats, Floats]] = _inertia
 
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """By the law."""
-        return np.stack(self.law(values, signals[..., FORCE, :], signals[..., ACCELERATION, :], scene.rate), axis=-2)
+        return np.stack(self.law(values, signals[..., FORCE, :], signals[..., ACCELERATION, :], point.rate), axis=-2)
 
 
 @dataclass(frozen=True)
@@ -198,24 +198,24 @@ class HighPass(Sensor):
         """(2, corners) by channel."""
         return values[:GAINS].reshape(2, -1)
 
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """Subtract the low-passes, from rest."""
         rested, read = np.concatenate([np.zeros_like(signals[..., :1]), signals], axis=-1), signals.copy()
         gains = self.gains(values)
         for channel, corner in np.argwhere(gains):
-            slow = _filtered(rested[..., channel, :], scene.rate, SLOW_CORNERS[corner])[..., 1:]
+            slow = _filtered(rested[..., channel, :], point.rate, SLOW_CORNERS[corner])[..., 1:]
             read[..., channel, :] -= gains[channel, corner] * slow
         return read
 
-    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+    def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
         """What is left of the mean before the first sample, and of the charge there."""
-        gains, seconds = self.gains(values), np.arange(n - first) / scene.rate
+        gains, seconds = self.gains(values), np.arange(n - first) / point.rate
         added = np.zeros((2, n))
-        if not scene.fresh:
+        if not point.fresh:
             left = np.exp(-TWO_PI * np.outer(SLOW_CORNERS, seconds))
-            added[FORCE, first:] = -PUSH * scene.pressure * (gains[FORCE] @ left)
-        if scene.name in self.names:
-            i = GAINS + 2 * self.names.index(scene.name)
+            added[FORCE, first:] = -PUSH * point.pressure * (gains[FORCE] @ left)
+        if point.name in self.names:
+            i = GAINS + 2 * self.names.index(point.name)
             fading = np.exp(-TWO_PI * np.outer(self.corners(values), seconds))
             added[:, first:] += values[i : i + 2, None] * fading
         return added
@@ -256,10 +256,10 @@ class OwnDelays(Sensor):
     """Recordings with delays of their own; any other has their mean."""
     common = 0
 
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """Delay the acceleration."""
-        own = values[self.names.index(scene.name)] if scene.name in self.names else float(np.mean(values))
-        delayed = _delay(np.array([0.0, own]), signals[..., FORCE, :], signals[..., ACCELERATION, :], scene.rate)
+        own = values[self.names.index(point.name)] if point.name in self.names else float(np.mean(values))
+        delayed = _delay(np.array([0.0, own]), signals[..., FORCE, :], signals[..., ACCELERATION, :], point.rate)
         return np.stack(delayed, axis=-2)
 
     def of_recording(self, name: str, values: Floats) -> tuple[OwnDelays, Floats]:
@@ -283,14 +283,14 @@ class Added(Sensor):
     names: tuple[str, ...] = ()
     """Recordings with values of their own; without any, all have the same."""
 
-    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+    def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
         """The recording's own; where there is one value more than the amplitudes, the first is the frequency."""
-        if self.names and scene.name not in self.names:
+        if self.names and point.name not in self.names:
             return None
         places, waves = max(1, len(self.names)), max(1, 2 * len(self.orders))
         frequency = values[0] if len(values) > 2 * places * waves else self.frequency
         sizes = values[-2 * places * waves :].reshape(places, 2, waves)
-        return sizes[self.names.index(scene.name) if self.names else 0] @ _waves(frequency / scene.rate, self.orders, n)
+        return sizes[self.names.index(point.name) if self.names else 0] @ _waves(frequency / point.rate, self.orders, n)
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """What is each recording's own by the library's symbols.

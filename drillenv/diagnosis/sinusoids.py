@@ -15,7 +15,7 @@ import numpy as np
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import Model, Scene, Term, Unknown, WaveColumn, mean_amplitude
+from drillenv.diagnosis.terms import Model, OperatingPoint, Term, Unknown, WaveColumn, mean_amplitude
 from drillenv.dynamics.hybrid.sensitivity import ON_INDENTER, ON_SHAKER, ON_STIFFNESS
 
 TWO_PI = 2.0 * math.pi
@@ -54,26 +54,26 @@ class Sinusoid(Term):
         """It acts by waves alone."""
         return False
 
-    def amplitudes(self, values: Floats, scene: Scene) -> Floats:
+    def amplitudes(self, values: Floats, point: OperatingPoint) -> Floats:
         """(channels, 2) sine and cosine; 0 in a recording that it says nothing of."""
-        if scene.name not in self.recordings:
+        if point.name not in self.recordings:
             return np.zeros((len(self.channels), 2))
-        return values[1:].reshape(len(self.recordings), -1, 2)[self.recordings.index(scene.name)]
+        return values[1:].reshape(len(self.recordings), -1, 2)[self.recordings.index(point.name)]
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Set the waves, where there are any."""
-        for channel, (sine, cosine) in zip(self.channels, self.amplitudes(values, scene), strict=True):
+        for channel, (sine, cosine) in zip(self.channels, self.amplitudes(values, point), strict=True):
             if sine or cosine:
                 i = channel.index
                 model.turn[i], model.sine[i], model.cosine[i] = TWO_PI * values[0], sine, cosine
 
-    def wave_columns(self, values: Floats, scene: Scene) -> list[WaveColumn]:
+    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[WaveColumn]:
         """Sine and cosine, and the same times time, by which it changes with its parameters."""
-        if scene.name not in self.recordings:
+        if point.name not in self.recordings:
             return []
         turn, found = TWO_PI * values[0], []
-        first = 1 + 2 * len(self.channels) * self.recordings.index(scene.name)
-        for i, (channel, (sine, cosine)) in enumerate(zip(self.channels, self.amplitudes(values, scene), strict=True)):
+        first = 1 + 2 * len(self.channels) * self.recordings.index(point.name)
+        for i, (channel, (sine, cosine)) in enumerate(zip(self.channels, self.amplitudes(values, point), strict=True)):
             for code in (0, 1):
                 found.append(WaveColumn(channel.kind, turn, code, {first + 2 * i + code: 1.0}))
             for code, size in ((2, -cosine), (3, sine)):
@@ -161,4 +161,4 @@ def family(kind: Kind, frequency: float, recordings: Sequence[str], tried: Float
     """A kind at the best of the frequencies ``tried``; its law is the library's equation."""
     apart = float(tried[1] - tried[0]) if tried.size > 1 else 0.5 * frequency
     term = sinusoid(kind, frequency, recordings, apart)
-    return Family(term.name, kind.name, (term,), textbook=True, tried=tried.size)
+    return Family(term.name, kind.name, (term,), textbook=True, look_elsewhere=tried.size)

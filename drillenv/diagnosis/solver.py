@@ -52,7 +52,7 @@ class Block(Protocol):
         """The same, with derivatives."""
         ...
 
-    def advance(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+    def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step, which the block may shorten; ``before`` is the cost before it."""
         ...
 
@@ -218,7 +218,7 @@ def _quadratics(blocks: Sequence[Block], shared: Floats, own: Sequence[Floats], 
 
 
 def _advanced(blocks: Sequence[Block], point: Floats, own, moves, costs, each: Callable) -> list[tuple[float, Floats]]:
-    return list(each(lambda block, *given: block.advance(point, *given), blocks, own, moves, costs))
+    return list(each(lambda block, *given: block.try_step(point, *given), blocks, own, moves, costs))
 
 
 def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: float):

@@ -58,7 +58,7 @@ def position(axes: Axes, place: int, x: Floats) -> tuple[Floats, NDArray[np.int6
     return at, np.clip(at.astype(int), 0, GRID - 2)
 
 
-def look(values: Floats, axes: Axes, place: int, x: Floats) -> Floats:
+def interpolate(values: Floats, axes: Axes, place: int, x: Floats) -> Floats:
     """A law (GRID,) at arguments."""
     at, i = position(axes, place, x)
     return values[i] + (at - i) * (values[i + 1] - values[i])

@@ -25,7 +25,7 @@ REACH = 16
 """Samples that a filter of the logger looks ahead and back."""
 
 
-class Scene(NamedTuple):
+class OperatingPoint(NamedTuple):
     """What a term is told of a recording."""
 
     name: str
@@ -135,17 +135,17 @@ class Term:
     unknowns: tuple[Unknown, ...]
     stage = 0
     """Sensors act in rising order of it."""
-    remembers = False
+    has_states = False
     """Whether it has states of its own, of the mount or the air."""
     effect = ""
     """The mechanism of the library whose equation it is; none of a free law."""
     common = 1
     """How many of the parameters that :meth:`of_recording` returns all recordings have in common, the first ones."""
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add to the model of a recording."""
 
-    def wave_columns(self, values: Floats, scene: Scene) -> list[WaveColumn]:
+    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[WaveColumn]:
         """By what waves of the model change with the parameters."""
         return []
 
@@ -153,11 +153,11 @@ class Term:
         """The same for one recording, and its parameters; 0 where they are its own and it had no part in the fit."""
         return self, values
 
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """What sensors make of signals (..., 2, n), linearly."""
         return signals
 
-    def add(self, values: Floats, scene: Scene, n: int, first: int = 0) -> Floats | None:
+    def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
         """(2, n) what sensors read too much whatever the motion, ``first`` being the first sample that is simulated."""
         return None
 
@@ -183,11 +183,11 @@ class Term:
         return replace(self, unknowns=tuple(e._replace(std=e.width) if e.name == name else e for e in self.unknowns))
 
     @property
-    def senses(self) -> bool:
+    def observes(self) -> bool:
         """Whether it acts on what is read."""
         if type(self).kernel is not Term.kernel:
             return True
-        return type(self).sense is not Term.sense or type(self).add is not Term.add
+        return type(self).observe is not Term.observe or type(self).add is not Term.add
 
     @property
     def moves(self) -> bool:
@@ -196,7 +196,7 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class ModelStructure:
     """A model of a rig, with named terms."""
 
     terms: tuple[Term, ...]
@@ -215,19 +215,19 @@ class Hypothesis:
         ends = np.cumsum([len(term.unknowns) for term in self.terms])
         return np.split(values, ends[:-1])
 
-    def model(self, values: Floats, scene: Scene) -> Model:
+    def model(self, values: Floats, point: OperatingPoint) -> Model:
         """Of a recording, at values of the parameters in their own units."""
         # a rig that had been running is taken to have run for a little more than the second that it must
-        impacts = 0.0 if scene.fresh else RUNNING * scene.frequency
+        impacts = 0.0 if point.fresh else RUNNING * point.frequency
         model = Model(impacts=impacts)
         for term, own in zip(self.terms, self.split(values), strict=True):
-            term.contribute(own, model, scene, self.axes)
+            term.contribute(own, model, point, self.axes)
         return model
 
     @property
-    def remembers(self) -> bool:
+    def has_states(self) -> bool:
         """Whether sensors remember for longer than the logger's filter."""
-        return any(term.senses and type(term).kernel is Term.kernel for term in self.terms)
+        return any(term.observes and type(term).kernel is Term.kernel for term in self.terms)
 
     def kernel(self, values: Floats, over: int) -> Floats | None:
         """Of the logger's filter."""
@@ -237,19 +237,19 @@ class Hypothesis:
                 return made
         return None
 
-    def added(self, values: Floats, n: int, scene: Scene, first: int = 0) -> Floats | float:
+    def added(self, values: Floats, n: int, point: OperatingPoint, first: int = 0) -> Floats | float:
         """(2, n) what is read too much whatever the motion."""
         total: Floats | float = 0.0
         for term, own in zip(self.terms, self.split(values), strict=True):
-            more = term.add(own, scene, n, first)
+            more = term.add(own, point, n, first)
             if more is not None:
                 total = total + more
         return total
 
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """What is read of signals (..., 2, n)."""
         pairs = sorted(zip(self.terms, self.split(values), strict=True), key=lambda pair: pair[0].stage)
         for term, own in pairs:
-            if type(term).sense is not Term.sense:
-                signals = term.sense(own, signals, scene)
+            if type(term).observe is not Term.observe:
+                signals = term.observe(own, signals, point)
         return signals

@@ -15,7 +15,7 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import PRESSURE_LABEL, Recorded, first_states, resized
+from drillenv.diagnosis.drill import PRESSURE_LABEL, ShootingProblem, first_states, resized
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
@@ -24,12 +24,12 @@ from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, Progress
 from drillenv.diagnosis.scope import Scope
-from drillenv.diagnosis.selection import Step, Tested, forward
+from drillenv.diagnosis.selection import ScoreTests, Step, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats, Limits, minimise
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL, STANDS_OUT
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
@@ -46,10 +46,10 @@ FEW = 4
 """Recordings, at most, of which none is kept out of the fit: what one alone shows would else not be fitted."""
 
 
-class Settled(NamedTuple):
+class StateEstimate(NamedTuple):
     """A recording with a model's prediction of it."""
 
-    block: Recorded
+    block: ShootingProblem
     own: Floats
     shared: Floats
 
@@ -57,16 +57,16 @@ class Settled(NamedTuple):
 class Proof(NamedTuple):
     """Recordings as models predict them that were not fitted to them."""
 
-    before: list[Settled]
+    before: list[StateEstimate]
     """By the paper's model; without any where nothing could be left out of the fit."""
-    after: list[Settled]
+    after: list[StateEstimate]
     of: str
     """Which, in words."""
 
     @property
     def names(self) -> list[str]:
         """Of the recordings."""
-        return [each.block.scene.name for each in self.after]
+        return [each.block.point.name for each in self.after]
 
     @property
     def chi_squares(self) -> tuple[float, float] | None:
@@ -85,7 +85,7 @@ class Outcome:
     steps: list[Step]
     """Mechanisms that were added."""
     named: list[Named]
-    tested: Tested
+    tested: ScoreTests
     proof: Proof
     explained: Explained
     labels: list[Label]
@@ -94,17 +94,17 @@ class Outcome:
     """What was being done as the diagnosis was interrupted; empty where it was not."""
 
     @property
-    def held_out(self) -> tuple[list[Settled], list[Settled]]:
+    def held_out(self) -> tuple[list[StateEstimate], list[StateEstimate]]:
         """Recordings that no fit has seen, before and after."""
         seen = {each.name for each in self.fit_data}
         sides = self.proof.before, self.proof.after
-        before, after = ([each for each in side if each.block.scene.name not in seen] for side in sides)
+        before, after = ([each for each in side if each.block.point.name not in seen] for side in sides)
         return before, after
 
     @property
-    def every(self) -> list[Settled]:
+    def every(self) -> list[StateEstimate]:
         """All recordings by the model that was found."""
-        return [*settled_of(self.final), *self.held_out[1]]
+        return [*estimates_of(self.final), *self.held_out[1]]
 
 
 def diagnose_drill(
@@ -168,7 +168,7 @@ def search(
         progress = Progress(say)
         try:
             begun, plain, final, steps, tested = selected(campaign, fit_data, pool, progress, scope)
-            plain = (plain or resettled(fit_data, begun, final, pool)) if steps else final
+            plain = (plain or reestimate_states(fit_data, begun, final, pool)) if steps else final
         except KeyboardInterrupt:
             if not interruptible or progress.known is None:
                 raise
@@ -178,7 +178,7 @@ def search(
         proof = proved(fit_data, held_data, plain, final, pool)
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
-    verdict = decided(final, missing, proof.chi_squares, share)
+    verdict = verdict_of(final, missing, proof.chi_squares, share)
     named = [step.named for step in missing]
     return Outcome(verdict, fit_data, plain, final, missing, named, tested, proof, share, [], progress.stopped)
 
@@ -192,7 +192,7 @@ class Selected(NamedTuple):
     """The same on whole recordings, where it was fitted to them."""
     final: Fitted
     steps: list[Step]
-    tested: Tested
+    tested: ScoreTests
 
 
 def selected(
@@ -202,10 +202,10 @@ def selected(
     say = progress.say
     progress.stage(FITTING)
     begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
-    begun = replace(begun, hypothesis=replace(begun.hypothesis, scope=scope))
+    begun = replace(begun, structure=replace(begun.structure, scope=scope))
     say(f"reduced chi-square {begun.per_freedom:.3f}")
     stretches = [block.data for block in begun.blocks]
-    progress.keep(begun, begun, [], Tested([], 1.0))
+    progress.keep(begun, begun, [], ScoreTests([], 1.0))
     progress.stage(SEARCHING)
     found, steps, tested = forward(stretches, begun, pool, say, keep=partial(progress.keep, begun))
     progress.keep(begun, found, steps, tested)
@@ -217,7 +217,7 @@ def selected(
     if whole.per_freedom < CLOSE:
         progress.stage(SEARCHING_AGAIN)
         final, steps, tested = forward(data, whole, pool, say, steps, tested)
-    final = polished(data, final, pool)
+    final = final_refit(data, final, pool)
     return Selected(begun, whole if found is begun else None, final, steps, tested)
 
 
@@ -226,11 +226,13 @@ def proved(
 ) -> Proof:
     """Recordings held out, or where there are none each recording by a fit to the others."""
     if held_data:
-        of, data, after = "recordings held out", held_data, evaluated(held_data, final, pool)
+        of, data, after = "recordings held out", held_data, estimate_recordings(held_data, final, pool)
     elif len(fit_data) > 1:
         of, data = "each recording, by a fit to the others", fit_data
         after = [
-            each for i in range(len(data)) for each in evaluated([data[i]], fitted_without(data, final, i, pool), pool)
+            each
+            for i in range(len(data))
+            for each in estimate_recordings([data[i]], fitted_without(data, final, i, pool), pool)
         ]
     else:
         return Proof([], [], "the one recording that was fitted, since no other says whether it holds")
@@ -238,7 +240,7 @@ def proved(
         return Proof(after, after, of)
     # lines that the model found has itself are no noise of the one without it
     noise = [without_lines(each.block, own_lines(final)) for each in after]
-    return Proof(evaluated(data, plain, pool, noise), after, of)
+    return Proof(estimate_recordings(data, plain, pool, noise), after, of)
 
 
 def fitted_without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Executor) -> Fitted:
@@ -248,7 +250,7 @@ def fitted_without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Ex
     noise = [fitted.noise[j] for j in others]
     rest = [data[j] for j in others]
     limits = Limits(10, 0.5, 0.003)
-    return fit_to(rest, fitted.hypothesis, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
+    return fit_to(rest, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
 
 
 def outlying_recording(outcome: Outcome) -> str | None:
@@ -274,7 +276,7 @@ def mislabelled_pressures_by_fit(outcome: Outcome) -> list[Label]:
         usual = float(np.median(others))
         spread = max(1.0, MAD_TO_STD * float(np.median(np.abs(others - usual))))
         if abs(off[i] - usual) > STANDS_OUT * spread:
-            stated = block.scene.pressure
+            stated = block.point.pressure
             seems = stated * (1.0 + PRESSURE_LABEL * (float(off[i]) - usual))
             found.append(Label(block.name, "pressure", stated, seems, PRESSURE_LABEL * stated))
     return found
@@ -317,26 +319,26 @@ def held_out(data: Sequence[Startable]) -> set[int]:
 def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -> Fitted:
     """The paper's model with its constants, and the noise as it shows by that."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-    hypothesis = Hypothesis((constants(campaign.nominal), logger()), flat, DRILL)
+    structure = ModelStructure((constants(campaign.nominal), logger()), flat, DRILL)
     own = [first_states(each) for each in data]
     limits = Limits(10, 1.0, 0.05)
-    found = fit_to(data, hypothesis, None, own, pool, FREE, limits)
+    found = fit_to(data, structure, None, own, pool, FREE, limits)
     noise = with_lines_left(found, pool)
     if any(level.lines for each in noise for level in each):
-        found = fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, FREE, limits, noise)
+        found = fit_to(data, structure, found.fit.shared, found.fit.own, pool, FREE, limits, noise)
     found = joined(data, found, pool, limits, noise)
-    hypothesis = replace(hypothesis, axes=DRILL.axes_at(found, pool))
+    structure = replace(structure, axes=DRILL.axes_at(found, pool))
     noise = noise_left(found, pool)
     if found.per_freedom > CLOSE:
         noise = quietest(noise, data, lines=True)
-    return fit_to(data, hypothesis, found.fit.shared, found.fit.own, pool, found.weight, Limits(10, 0.5, 0.003), noise)
+    return fit_to(data, structure, found.fit.shared, found.fit.own, pool, found.weight, Limits(10, 0.5, 0.003), noise)
 
 
-def polished(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
+def final_refit(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
     """The same to the end."""
     noise = noise_left(fitted, pool) if fitted.per_freedom < CLOSE else fitted.noise
     return fit_to(
-        data, fitted.hypothesis, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, Limits(15, 0.1), noise
+        data, fitted.structure, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, Limits(15, 0.1), noise
     )
 
 
@@ -346,58 +348,58 @@ def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fit
     A frequency of the model is known the better the longer the recordings are, and says where they go on for as long
     again: such a model is fitted to stretches twice as long, and so on.
     """
-    if any(isinstance(term, Sinusoid) for term in fitted.hypothesis.terms):
+    if any(isinstance(term, Sinusoid) for term in fitted.structure.terms):
         windows = 2 * max(each.windows for each in fitted.blocks)
         while windows < max(len(each.starts) - 1 for each in data):
-            fitted = lengthened([each.first(windows) for each in data], fitted, pool)
+            fitted = extend_horizon([each.first(windows) for each in data], fitted, pool)
             windows *= 2
-    return lengthened(data, fitted, pool)
+    return extend_horizon(data, fitted, pool)
 
 
-def lengthened(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
+def extend_horizon(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
     """A model that was fitted to shorter stretches of recordings, fitted to longer ones."""
     if all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True)):
         return fitted
-    there = evaluated(data, fitted, pool, known=True)
+    there = estimate_recordings(data, fitted, pool, known=True)
     # lines that the model has itself are no noise
     noise = [without_lines(each.block, own_lines(fitted)) for each in there]
     own = [each.own for each in there]
     limits = Limits(10, 0.5, 0.003)
-    return fit_to(data, fitted.hypothesis, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
+    return fit_to(data, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
 
 
-def resettled(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
+def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
     """A model fitted to stretches on all of the recordings, its shared parameters as they are."""
-    there = evaluated(data, fitted, pool, best.noise, known=True)
+    there = estimate_recordings(data, fitted, pool, best.noise, known=True)
     own = [each.own for each in there]
     blocks = [each.block for each in there]
     cost = sum(block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True))
-    return Fitted(fitted.hypothesis, blocks, replace(fitted.fit, own=own, cost=cost), fitted.priors)
+    return Fitted(fitted.structure, blocks, replace(fitted.fit, own=own, cost=cost), fitted.priors)
 
 
-def evaluated(
+def estimate_recordings(
     data: Sequence[Conditioned],
     fitted: Fitted,
     pool: Executor,
     noise: Sequence[Noise] | None = None,
     known: bool = False,
-) -> list[Settled]:
+) -> list[StateEstimate]:
     """Recordings with only their own unknowns fitted; their noise, where it is not given, is what the model leaves.
 
     Of recordings that are ``known`` the fit has the beginning.
     """
     levels = quietest(fitted.noise, data, lines=known) if noise is None else noise
-    beginnings = [Beginning.of(*each) for each in zip(fitted.blocks, fitted.fit.own, strict=True)] if known else None
+    beginnings = [WarmStart.of(*each) for each in zip(fitted.blocks, fitted.fit.own, strict=True)] if known else None
 
-    def settle(each: Conditioned, level: Noise, beginning: Beginning | None) -> Settled:
-        there = settled_block(each, *with_own_lines(fitted, level), beginning)
+    def settle(each: Conditioned, level: Noise, beginning: WarmStart | None) -> StateEstimate:
+        there = estimate_states_of(each, *with_own_lines(fitted, level), beginning)
         there = with_own_waves(there)
         return there if noise is not None else with_noise_left(there, fitted)
 
     return list(pool.map(settle, data, levels, beginnings or [None] * len(data)))
 
 
-class Beginning(NamedTuple):
+class WarmStart(NamedTuple):
     """Own unknowns of the beginning of a recording."""
 
     states: Floats
@@ -406,18 +408,18 @@ class Beginning(NamedTuple):
     """(2,) share of the pressure and impacts before."""
 
     @classmethod
-    def of(cls, block: Recorded, own: Floats) -> Beginning:
+    def of(cls, block: ShootingProblem, own: Floats) -> WarmStart:
         """As a fit has them."""
         states = block.states_of(own)
         return cls(states, own[states.size : states.size + 2])
 
 
-def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
+def with_noise_left(there: StateEstimate, fitted: Fitted) -> StateEstimate:
     """The same with the noise that a model leaves, where it comes close to the recording."""
 
-    def alone(there: Settled) -> Fitted:
+    def alone(there: StateEstimate) -> Fitted:
         fit = replace(fitted.fit, shared=there.shared, own=[there.own])
-        return Fitted(there.block.hypothesis, [there.block], fit, fitted.priors)
+        return Fitted(there.block.structure, [there.block], fit, fitted.priors)
 
     found = there
     if there.block.per_sample(there.shared, there.own) > CLOSE:
@@ -427,19 +429,21 @@ def with_noise_left(there: Settled, fitted: Fitted) -> Settled:
     return weighed(found, noise_left(alone(found), None)[0], fitted)
 
 
-def weighed(there: Settled, noise: Noise, fitted: Fitted) -> Settled:
+def weighed(there: StateEstimate, noise: Noise, fitted: Fitted) -> StateEstimate:
     """The same with another noise, and lines of the model whose amplitudes are each recording's."""
     block, own, shared = there
-    if fitted.hypothesis.terms != block.hypothesis.terms:
+    if fitted.structure.terms != block.structure.terms:
         noise = with_own_lines(fitted, noise)[1]
     again = replace(block, noise=noise)
     begun = np.append(own[: own.size - len(block.lines)], np.zeros(len(again.lines)))
-    return Settled(again, again.settled(shared, begun), shared)
+    return StateEstimate(again, again.estimate_states(shared, begun), shared)
 
 
-def settled_block(each: Conditioned, fitted: Fitted, level: Noise, beginning: Beginning | None = None) -> Settled:
+def estimate_states_of(
+    each: Conditioned, fitted: Fitted, level: Noise, beginning: WarmStart | None = None
+) -> StateEstimate:
     """A recording's block with its own unknowns at their best; they begin as known, or as first guessed."""
-    size = V.OWN if any(term.remembers for term in fitted.hypothesis.terms) else 4
+    size = V.OWN if any(term.has_states for term in fitted.structure.terms) else 4
     windows = len(each.starts) - 1
     own = resized(first_states(each), windows, size, 4, 0)
     behind = slice(windows * size, windows * size + 2)
@@ -448,17 +452,17 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise, beginning: Be
         own[: states.size] = states.ravel()
     shared = fitted.fit.shared
 
-    def settle(weight: float, own: Floats) -> tuple[Recorded, Floats]:
-        block = Recorded(each, fitted.hypothesis, weight, level)
+    def settle(weight: float, own: Floats) -> tuple[ShootingProblem, Floats]:
+        block = ShootingProblem(each, fitted.structure, weight, level)
         if own.size != windows * size + block.locals:
             own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
-        own = block.settled(shared, block.chained(shared, own) if weight == JOINED else own)
-        again = block.restarted(shared, own)
-        return block, own if again is own else block.settled(shared, again)
+        own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
+        again = block.reinitialise_outliers(shared, own)
+        return block, own if again is own else block.estimate_states(shared, again)
 
     block, own = settle(FREE, own)
     if fitted.weight == FREE:
-        return Settled(block, own, shared)
+        return StateEstimate(block, own, shared)
     free, close = own, block.per_sample(shared, own) < CLOSE
     # windows that are free say little of the pressure, and of what goes on from each to the next
     begun = free.copy()
@@ -471,15 +475,15 @@ def settled_block(each: Conditioned, fitted: Fitted, level: Noise, beginning: Be
         own = free
         for weight in [*(each for each in GRADUAL if each > fitted.weight), fitted.weight]:
             block, own = settle(weight, own)
-    return Settled(block, own, shared)
+    return StateEstimate(block, own, shared)
 
 
-def with_own_waves(there: Settled) -> Settled:
+def with_own_waves(there: StateEstimate) -> StateEstimate:
     """The same with amplitudes that are each recording's own fitted to this one, where its model has such."""
     block, own, shared = there
     terms, values, free = [], [], []
-    for term, each in zip(block.hypothesis.terms, block.hypothesis.split(shared * block.widths), strict=True):
-        alone, begun = term.of_recording(block.scene.name, each)
+    for term, each in zip(block.structure.terms, block.structure.split(shared * block.widths), strict=True):
+        alone, begun = term.of_recording(block.point.name, each)
         terms.append(alone)
         values.append(begun / np.array([one.width for one in alone.unknowns]))
         free.append((np.arange(begun.size) >= alone.common) & (alone is not term))
@@ -487,8 +491,8 @@ def with_own_waves(there: Settled) -> Settled:
     if not open_.any():
         return there
     start = np.concatenate(values)
-    hypothesis = replace(block.hypothesis, terms=tuple(terms))
-    bounds = priors_of(hypothesis)
+    structure = replace(block.structure, terms=tuple(terms))
+    bounds = priors_of(structure)
     pinned = replace(
         bounds,
         centre=start,
@@ -496,38 +500,38 @@ def with_own_waves(there: Settled) -> Settled:
         low=np.where(open_, bounds.low, start),
         high=np.where(open_, bounds.high, start),
     )
-    alone = replace(block, hypothesis=hypothesis)
+    alone = replace(block, structure=structure)
     fit = minimise([alone], start, [own], pinned, Limits(15, 0.5, 1e-3), samples=block.samples)
-    return Settled(alone, fit.own[0], fit.shared)
+    return StateEstimate(alone, fit.own[0], fit.shared)
 
 
 def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
     """The same model with lines whose amplitudes are each recording's as lines of a recording that was left out."""
     kept, start = [], []
-    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True):
+    for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
         if not (isinstance(term, Added) and term.names):
             kept.append(term)
             start.append(own / np.array([each.width for each in term.unknowns]))
-    if len(kept) == len(fitted.hypothesis.terms):
+    if len(kept) == len(fitted.structure.terms):
         return fitted, level
     more = own_lines(fitted)
-    hypothesis = replace(fitted.hypothesis, terms=tuple(kept))
+    structure = replace(fitted.structure, terms=tuple(kept))
     first, second = (replace(each, lines=tuple(sorted({*each.lines, *more}))) for each in level)
     fit = replace(fitted.fit, shared=np.concatenate(start))
-    return Fitted(hypothesis, fitted.blocks, fit, fitted.priors), (first, second)
+    return Fitted(structure, fitted.blocks, fit, fitted.priors), (first, second)
 
 
 def own_lines(fitted: Fitted) -> list[float]:
     """Frequencies (Hz) of lines of the model whose amplitudes are each recording's; 0 is an offset."""
     found: list[float] = []
-    for term, own in zip(fitted.hypothesis.terms, fitted.hypothesis.split(fitted.values), strict=True):
+    for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
         if isinstance(term, Added) and term.names:
             frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
             found += [float(order * frequency) for order in term.orders] or [0.0]
     return found
 
 
-def without_lines(block: Recorded, lines: Sequence[float]) -> Noise:
+def without_lines(block: ShootingProblem, lines: Sequence[float]) -> Noise:
     """A recording's noise without what is not told from some lines."""
     apart = block.data.rate / block.data.force.size
 
@@ -538,18 +542,18 @@ def without_lines(block: Recorded, lines: Sequence[float]) -> Noise:
     return less(first), less(second)
 
 
-def chi_square(blocks: Sequence[Settled]) -> float:
+def chi_square(blocks: Sequence[StateEstimate]) -> float:
     """Reduced chi-square of the samples of recordings, their own unknowns counted."""
     total, freedom = 0.0, 0
     for block, own, shared in blocks:
-        raw = block.integrate(block.hypothesis.model(shared * block.widths, block.scene), own)
+        raw = block.integrate(block.structure.model(shared * block.widths, block.point), own)
         residual = block.residual(shared * block.widths, raw.said, own)
         total += float((residual**2).sum())
         freedom += block.samples - own.size
     return total / max(freedom, 1)
 
 
-def excess_chi_square(blocks: Sequence[Settled]) -> Floats:
+def excess_chi_square(blocks: Sequence[StateEstimate]) -> Floats:
     """(parts,) by how much squares of residuals exceed the noise, over parts of a few windows of recordings."""
     found = []
     for block, own, shared in blocks:
@@ -562,16 +566,16 @@ def excess_chi_square(blocks: Sequence[Settled]) -> Floats:
 
 def share_explained(plain: Fitted, final: Fitted, proof: Proof) -> Explained:
     """Share of the paper's model's mismatch that is gone, of recordings that were not fitted where there are any."""
-    before, after = (proof.before, proof.after) if proof.after else (settled_of(plain), settled_of(final))
+    before, after = (proof.before, proof.after) if proof.after else (estimates_of(plain), estimates_of(final))
     return explained(excess_chi_square(before), excess_chi_square(after), proof.of)
 
 
-def settled_of(fitted: Fitted) -> list[Settled]:
+def estimates_of(fitted: Fitted) -> list[StateEstimate]:
     """The recordings of a fit with its prediction."""
-    return [Settled(*each, fitted.fit.shared) for each in zip(fitted.blocks, fitted.fit.own, strict=True)]
+    return [StateEstimate(*each, fitted.fit.shared) for each in zip(fitted.blocks, fitted.fit.own, strict=True)]
 
 
-def decided(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None, share: Explained) -> Verdict:
+def verdict_of(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None, share: Explained) -> Verdict:
     """The verdict."""
     # errors of the parameters show in full on recordings that they were not fitted to
     worst = max(final.per_freedom - 1.0, 0.0 if held is None else 0.5 * (held[1] - 1.0))
@@ -585,7 +589,7 @@ def decided(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | No
 def wrong_constants(final: Fitted) -> list[int]:
     """Constants that are several of their tolerances off."""
     found = []
-    for i, (unknown, value) in enumerate(zip(final.hypothesis.unknowns, final.values, strict=True)):
+    for i, (unknown, value) in enumerate(zip(final.structure.unknowns, final.values, strict=True)):
         if i < len(NAMES) and abs(value - unknown.value) > SEVERAL * unknown.width:
             found.append(i)
     return found

@@ -23,7 +23,7 @@ from drillenv.checks import InputError
 from drillenv.compiling import helped
 from drillenv.diagnosis.condition import Conditioned, condition
 from drillenv.diagnosis.constants import constants, logger
-from drillenv.diagnosis.drill import Recorded, first_states
+from drillenv.diagnosis.drill import ShootingProblem, first_states
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.equations import Around
 from drillenv.diagnosis.fitting import JOINED, priors_of
@@ -31,7 +31,7 @@ from drillenv.diagnosis.laws import MOUNT_LAW, Curve, axes_of, families
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.solver import Floats, eliminated
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis, Term
+from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.dynamics.effects import REGISTRY, Chosen
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.motion import motion
@@ -116,7 +116,7 @@ def survey(site: Site, settings: Sequence[tuple[Setting, str]], seed: int, note:
         InputError: the motion is regular at none of them.
     """
     nuisances = (constants(believed(site.rig, site.rock)), logger(), *map(stated_term, site.effects))
-    base = Hypothesis(nuisances, FLAT, DRILL)
+    base = ModelStructure(nuisances, FLAT, DRILL)
     with helped(SEARCH_FOR_A_MOTION) as wait:
         settle(site, *settings[0], base)  # which compiles all that it needs
         wait()
@@ -131,7 +131,7 @@ def survey(site: Site, settings: Sequence[tuple[Setting, str]], seed: int, note:
         found = signatures_of(site, axes, around, np.random.default_rng(seed))
         free = free_laws(axes, [each.setting.frequency for each in settled])
         terms = (*(term for each in found for term in each.terms), *(term for each in free for term in each))
-        whole, known = Hypothesis((*nuisances, *terms), axes, DRILL), len(base.unknowns)
+        whole, known = ModelStructure((*nuisances, *terms), axes, DRILL), len(base.unknowns)
         candidates = list(pool.map(lambda each: candidate(each, whole, known, found), settled))
     prior = priors_of(base).precision ** 2
     laws = placed(free, known + len(found))
@@ -157,11 +157,11 @@ class Settled(NamedTuple):
 
     setting: Setting
     starts: str
-    block: Recorded
+    block: ShootingProblem
     own: Floats
 
 
-def settle(site: Site, setting: Setting, starts: str, base: Hypothesis) -> Settled | None:
+def settle(site: Site, setting: Setting, starts: str, base: ModelStructure) -> Settled | None:
     """A recording at a setting as a diagnosis takes it in; None where it cannot."""
     made = simulated(site, setting, starts)
     try:
@@ -171,10 +171,10 @@ def settle(site: Site, setting: Setting, starts: str, base: Hypothesis) -> Settl
     # white noise loses by thinning what it does in a diagnosis
     less = 1.0 / math.sqrt(data.thinned)
     noise = tuple(NoiseModel(less * std, 0.0, (), data.rate) for std in site.noise[1:])
-    block = Recorded(data, base, JOINED, (noise[0], noise[1]))
+    block = ShootingProblem(data, base, JOINED, (noise[0], noise[1]))
     shared = priors_of(base).centre
     own = DRILL.own_for(first_states(data), data, base, block.noise)
-    own = block.settled(shared, own, SETTLING)
+    own = block.estimate_states(shared, own, SETTLING)
     cost = block.cost(shared, own)
     return Settled(setting, starts, block, own) if cost < LEFT_OVER else None
 
@@ -187,10 +187,10 @@ def simulated(site: Site, setting: Setting, starts: str) -> Recording:
     return Recording("simulated", "simulated", site.sample_rate, MappingProxyType(channels), starts, setting)
 
 
-def axes_over(settled: Sequence[Settled], base: Hypothesis, pool: Executor) -> Axes:
+def axes_over(settled: Sequence[Settled], base: ModelStructure, pool: Executor) -> Axes:
     """Axes over what all of the motions visit."""
     values = np.array([each.value for each in base.unknowns])
-    models = [base.model(values, each.block.scene) for each in settled]
+    models = [base.model(values, each.block.point) for each in settled]
     paths = list(pool.map(lambda each, model: each.block.path(model, each.own), settled, models))
     rest = [float(each.s[V.F_B] / each.s[V.K]) for each in models]
     return axes_of(paths, max(float(each.s[V.F_A]) for each in models), rest)
@@ -224,7 +224,7 @@ def placed(free: Sequence[tuple[Curve, ...]], first: int) -> list[tuple[frozense
     return found
 
 
-def candidate(settled: Settled, whole: Hypothesis, known: int, found: Sequence[Signature]) -> Candidate:
+def candidate(settled: Settled, whole: ModelStructure, known: int, found: Sequence[Signature]) -> Candidate:
     """What a recording says: each signature as one column, all else as it is."""
     block, own = settled.block.under(whole, settled.own)
     part = block.quadratic(priors_of(whole).centre, own)

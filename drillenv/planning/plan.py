@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drillenv.checks import InputError, count, number
-from drillenv.diagnosis.drill import scene_of
+from drillenv.diagnosis.drill import point_of
 from drillenv.diagnosis.equations import scalars_of
 from drillenv.diagnosis.sinusoids import FEWEST_CYCLES
 from drillenv.dynamics.effects import REGISTRY, Chosen
@@ -309,7 +309,7 @@ def resolvable(found: Survey, judge: Judge, resolution: Resolution, mechanism: s
     at = int(np.flatnonzero(judge.of == j)[0])
     share, told = float(resolution.alone[at]), float(max(resolution.alone[at], resolution.hardest[at]))
     effect, signature = REGISTRY[mechanism], found.signatures[at]
-    size = size_of(effect, found.axes, found.around, found.example[0], scene_of(found.example[1]))
+    size = size_of(effect, found.axes, found.around, found.example[0], point_of(found.example[1]))
     parameters = parameters_at(signature, told, size) if told < INSEPARABLE else {}
     turns = [each[2] for each in waves_of(scalars_of(mechanism, signature.parameters))]
     return Resolvable(

@@ -21,7 +21,7 @@ from drillenv.diagnosis.sinusoids import INDENTER, SHAKER, STIFFNESS
 from drillenv.diagnosis.sinusoids import Channel as Wave
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import Model, Scene, Term, Unknown, WaveColumn
+from drillenv.diagnosis.terms import Model, OperatingPoint, Term, Unknown, WaveColumn
 from drillenv.dynamics.constitutive.places import UNLOADING
 from drillenv.dynamics.effects import REGISTRY, Channels, Chosen, Effect, Parameter
 from drillenv.dynamics.forms import Form
@@ -59,17 +59,17 @@ class Amount(Term):
     """Numbers of the model that an effect sets, in a proportion; see ``places.SCALARS``."""
 
     numbers: tuple[tuple[str, float], ...] = ()
-    remembers: bool = False
+    has_states: bool = False
 
-    def contribute(self, values: Floats, model: Model, scene: Scene, axes: Axes) -> None:
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the numbers that are neither waves nor grips, which other parts of a model take."""
         for name, number in self.numbers:
             if name == DRIVE_LAG:
-                model.s[V.F_A] *= 1.0 - values[0] * lost_by_lag(number, scene.frequency)
+                model.s[V.F_A] *= 1.0 - values[0] * lost_by_lag(number, point.frequency)
             elif name in NUMBERS:
                 model.s[NUMBERS[name]] += number * (values[0] if name in FACTORS else 1.0)
 
-    def wave_columns(self, values: Floats, scene: Scene) -> list[WaveColumn]:
+    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[WaveColumn]:
         """Sine and cosine of what goes on at a frequency of its own."""
         found = []
         for wave, size, turn, phase in waves_of(dict(self.numbers)):
@@ -106,23 +106,30 @@ class Misreading(Term):
     parameters: tuple[float, ...] = ()
     stage: int = 0
 
-    def sense(self, values: Floats, signals: Floats, scene: Scene) -> Floats:
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """Signals (2, n) with the strength's share of the difference."""
         if values[0] == 0.0:
             return signals
         there = np.flatnonzero(np.any(signals != 0.0, axis=0))
         inside = slice(int(there[0]), int(there[-1]) + 1)
         changed = signals.copy()
-        changed[:, inside] += values[0] * misread(self.effect, self.parameters, signals[:, inside], scene)
+        changed[:, inside] += values[0] * misread(self.effect, self.parameters, signals[:, inside], point)
         return changed
 
 
-def misread(effect: str, parameters: tuple[float, ...], signals: Floats, scene: Scene) -> Floats:
+def misread(effect: str, parameters: tuple[float, ...], signals: Floats, point: OperatingPoint) -> Floats:
     """(2, n) by what an effect of the sensors changes force in N and acceleration in m/s^2."""
     measure = REGISTRY[effect].measure
     assert measure is not None
-    turned = 2.0 * math.pi * scene.frequency * np.arange(signals.shape[1]) / scene.rate
-    true = Channels(scene.rate, 0.0, scene.amplitude * np.sin(turned), signals[0], signals[1], scene.fresh)
+    turned = 2.0 * math.pi * point.frequency * np.arange(signals.shape[1]) / point.rate
+    true = Channels(
+        point.rate,
+        0.0,
+        point.amplitude * np.sin(turned),
+        signals[0],
+        signals[1],
+        point.fresh,
+    )
     read = measure(true, true, parameters)
     return np.stack([read.force, read.acceleration]) - signals
 
@@ -164,8 +171,8 @@ def _terms(effect: Effect, p: tuple[float, ...], axes: Axes, around: Around, i: 
         terms.append(Curve(f"{name} at {place}", strength(str(place)), place, curve[None]))
     numbers = tuple(scalars_of(effect.name, p).items())
     if any(each in NUMBERS or each == DRIVE_LAG for each, _ in numbers) or waves_of(dict(numbers)):
-        remembers = any(each in REMEMBERED for each, _ in numbers)
-        terms.append(Amount(f"{name} numbers", strength("numbers"), numbers, remembers))
+        has_states = any(each in REMEMBERED for each, _ in numbers)
+        terms.append(Amount(f"{name} numbers", strength("numbers"), numbers, has_states))
     return tuple(terms)
 
 
@@ -202,8 +209,8 @@ class Stated(Equation):
 def stated_term(chosen: Chosen) -> Stated:
     """An effect of a model that follows an equation."""
     effect, p = chosen.effect, chosen.values
-    remembers = any(name in REMEMBERED or name in BRISTLES for name in scalars_of(effect.name, p))
-    return Stated(f"stated {effect.name}", (), effect.name, stated_form(effect, p), remembers, p)
+    has_states = any(name in REMEMBERED or name in BRISTLES for name in scalars_of(effect.name, p))
+    return Stated(f"stated {effect.name}", (), effect.name, stated_form(effect, p), has_states, p)
 
 
 # --- From a share of the typical strength to parameters
@@ -273,12 +280,12 @@ def weight_of(place: int, curve: Floats, axes: Axes) -> float:
     return float(np.mean(curve**2))
 
 
-def size_of(effect: Effect, axes: Axes, around: Around, signals: Floats, scene: Scene) -> Callable[..., float]:
+def size_of(effect: Effect, axes: Axes, around: Around, signals: Floats, point: OperatingPoint) -> Callable[..., float]:
     """How much an effect changes at parameters: its curves, its numbers, or a reading of signals (2, n)."""
 
     def size(p: tuple[float, ...]) -> float:
         if effect.measure is not None:
-            changed = misread(effect.name, p, signals, scene)
+            changed = misread(effect.name, p, signals, point)
             return float(np.sqrt(np.sum(changed**2 / signals.var(axis=1, keepdims=True))))
         squares = [weight_of(place, each, axes) for place, each in curves(effect, p, axes, around).items()]
         numbers = scalars_of(effect.name, p)

@@ -493,14 +493,14 @@ def balance(shaken):
     spring = next(each for each in rig.laws(None, begun.axes) if each.name == "spring")
     clipped = next(each for each in rig.equations({DRIVE}) if each.form.name == "clipped")
     sensors = [each.terms[0] for each in rig.sensors() if each.name in ("lag", "hum 50 Hz")]
-    hypothesis = replace(begun, terms=(*begun.terms, *spring.terms, clipped, *sensors))
-    return ForceBalance(rig.stretches[0], hypothesis, 1.0, rig.noise)
+    structure = replace(begun, terms=(*begun.terms, *spring.terms, clipped, *sensors))
+    return ForceBalance(rig.stretches[0], structure, 1.0, rig.noise)
 
 
 def test_derivatives_are_those_of_the_cost(balance):
     """Gradient and Hessian of a block against differences of its cost and gradient."""
     rng = np.random.default_rng(1)
-    begun = np.array([each.value / each.width for each in balance.hypothesis.unknowns])
+    begun = np.array([each.value / each.width for each in balance.structure.unknowns])
     at, none = begun + 0.3 * rng.normal(size=begun.size), np.zeros(0)
     part = balance.quadratic(at, none)
     for _ in range(5):
@@ -513,8 +513,8 @@ def test_derivatives_are_those_of_the_cost(balance):
 
 def test_the_drives_curve_is_the_library_s_equation(balance):
     """What a free law over the applied force says is what the same force says as an equation."""
-    hypothesis, body = balance.hypothesis, balance.data.body
-    axes, level = hypothesis.axes, 0.6 * float(np.max(body.smooth_force))
+    structure, body = balance.structure, balance.data.body
+    axes, level = structure.axes, 0.6 * float(np.max(body.smooth_force))
     x = axes.points(DRIVE)
     curve = Curve("curve", (), DRIVE, (np.clip(x, -level, level) - x)[None])
     by_curve = columns_of(curve, body, axes)[0]

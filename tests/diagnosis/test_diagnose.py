@@ -12,13 +12,13 @@ from drillenv.checks import InputError
 from drillenv.corrected import read_model
 from drillenv.diagnosis.condition import condition, white_noise
 from drillenv.diagnosis.constants import constants
-from drillenv.diagnosis.drill import STATE_WIDTHS, Recorded, first_states
+from drillenv.diagnosis.drill import STATE_WIDTHS, ShootingProblem, first_states
 from drillenv.diagnosis.drill_noise import noise_of
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import FREE
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording
@@ -65,7 +65,7 @@ def campaign_with(rig=None, effects=(), sensors=(), seed=0, seconds=0.25):
 def nominal_block(campaign, data):
     """A recording with the paper's model at what the campaign states, its windows nearly free."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-    return Recorded(data, Hypothesis((constants(campaign.nominal),), flat, DRILL), FREE, noise_of(data))
+    return ShootingProblem(data, ModelStructure((constants(campaign.nominal),), flat, DRILL), FREE, noise_of(data))
 
 
 def test_noise_is_told_from_the_signal():
@@ -78,26 +78,26 @@ def test_states_read_from_the_measurements_start_the_model_near_them():
     campaign = campaign_with()
     data = condition(campaign.recordings[0], Rig())
     block = nominal_block(campaign, data)
-    shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
+    shared = np.array([each.value / each.width for each in block.structure.unknowns])
     values = shared * block.widths
-    model = block.hypothesis.model(values, block.scene)
+    model = block.structure.model(values, block.point)
     said = block.integrate(model, first_states(data)).said
-    left = (block.measured - block.read(values, said))[0, block.steady]
+    left = (block.measured - block.read(values, said))[0, block.evaluation]
     # the peaks are of 1.5 kN; without any fit the model follows them within a tenth of their rms
-    assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.steady] ** 2))
+    assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.evaluation] ** 2))
 
 
 def test_a_window_that_begins_elsewhere_finds_back():
     campaign = campaign_with()
     data = condition(campaign.recordings[0], Rig())
     block = nominal_block(campaign, data)
-    shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
-    best = block.settled(shared, first_states(data))
+    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    best = block.estimate_states(shared, first_states(data))
     for window in (0, 3):
         elsewhere = best.copy()
         # so far off the rock that it comes down after the blow
         elsewhere[4 * window + 3] = -5e-4 / STATE_WIDTHS[3]
-        found = block.settled(shared, block.restarted(shared, elsewhere))
+        found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere))
         assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
 
 

@@ -11,7 +11,7 @@ from drillenv.diagnosis import drill
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.coupling import shortening, spring_coordinate
 from drillenv.diagnosis.drill import first_states
-from drillenv.diagnosis.laws import Curve, as_stated, axes_of, families, on_axes, wider
+from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_A, F_B, K, Y
@@ -25,31 +25,31 @@ def plain():
     """A recording with the paper's model, joined, and where its windows begin."""
     campaign = campaign_with()
     block = replace(nominal_block(campaign, condition(campaign.recordings[0], Rig())), weight=1.0)
-    shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
-    return block, shared, block.settled(shared, block.chained(shared, first_states(block.data)))
+    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    return block, shared, block.estimate_states(shared, block.rollout(shared, first_states(block.data)))
 
 
 def with_law(plain, group):
     """The same with a law of the coupling, its own unknowns on the way to their best."""
     block, shared, own = plain
-    model = block.hypothesis.model(shared * block.widths, block.scene)
+    model = block.structure.model(shared * block.widths, block.point)
     path = block.integrate(model, own, path=True).path[:, : block.inside.stop // block.stride]
     path = path[:, block.inside.start // block.stride :].copy()
     # room for what a law does to the shortening
     path[Y] += 3.0 * (path[Y] - path[Y].mean())
     axes = axes_of([path], model.s[F_A], [model.s[F_B] / model.s[K]])
     law = next(each for each in families(axes, FREQUENCIES) if each.group == group)
-    block = replace(block, hypothesis=replace(block.hypothesis, terms=(*block.hypothesis.terms, *law.terms), axes=axes))
+    block = replace(block, structure=replace(block.structure, terms=(*block.structure.terms, *law.terms), axes=axes))
     shared = np.concatenate([shared, [1.0, -0.5], np.zeros(law.size - 2)])
-    return block, shared, block.settled(shared, own, 4)
+    return block, shared, block.estimate_states(shared, own, 4)
 
 
 @pytest.mark.parametrize("group", ["spring", "play", "damper"])
 def test_a_law_on_wider_axes_moves_the_same(plain, group):
     block, shared, own = with_law(plain, group)
-    other = replace(block, hypothesis=on_axes(block.hypothesis, wider(block.hypothesis.axes)))
+    other = replace(block, structure=on_axes(block.structure, wider(block.structure.axes)))
     one, two = (
-        each.integrate(each.hypothesis.model(shared * each.widths, each.scene), own).said for each in (block, other)
+        each.integrate(each.structure.model(shared * each.widths, each.point), own).said for each in (block, other)
     )
     assert np.sqrt(np.mean((one - two) ** 2)) < 2e-4 * np.sqrt(np.mean(one**2))
 
@@ -63,16 +63,19 @@ def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     block, shared, own = with_law(plain, group)
     shared[list(wrong)] *= 1.03
     values = shared * block.widths
-    places = [each.place for each in block.hypothesis.terms if isinstance(each, Curve)]
-    same = as_stated(block.hypothesis, values, places)
-    stated = np.array([each.value for each in block.hypothesis.terms[0].unknowns])
+    places = [each.place for each in block.structure.terms if isinstance(each, Curve)]
+    same = reparametrise_to_nominal(block.structure, values, places)
+    stated = np.array([each.value for each in block.structure.terms[0].unknowns])
     assert np.allclose(same.values[:8], stated)
-    hypothesis = replace(block.hypothesis, axes=same.axes)
-    model, other = block.hypothesis.model(values, block.scene), hypothesis.model(same.values, block.scene)
+    structure = replace(block.structure, axes=same.axes)
+    model, other = (
+        block.structure.model(values, block.point),
+        structure.model(same.values, block.point),
+    )
     for place, more in same.more.items():
         other.free[place] += more
     one = block.integrate(model, own).said
-    two = replace(block, hypothesis=hypothesis).integrate(other, own).said
+    two = replace(block, structure=structure).integrate(other, own).said
     assert np.sqrt(np.mean((one - two) ** 2)) < 1e-3 * np.sqrt(np.mean(one**2))
 
 
@@ -91,7 +94,7 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
         step = np.zeros(shared.size)
         step[i] = 1e-4
         difference = (block.cost(shared + step, own) - block.cost(shared - step, own)) / 2e-4
-        assert close(found.by_shared[i], found.shared[i, i], difference), block.hypothesis.unknowns[i].name
+        assert close(found.by_shared[i], found.shared[i, i], difference), block.structure.unknowns[i].name
     label = block.windows * block.state_count(own)
     for i in (0, 1, 4, 5, label):
         step = np.zeros(own.size)
@@ -103,7 +106,7 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
 def test_the_shortening_is_found_where_the_coupling_has_play(plain):
     """Stiffness, and nothing at all within the play: Newton's method alone goes to and fro."""
     block, shared, _ = plain
-    model = block.hypothesis.model(shared * block.widths, block.scene)
+    model = block.structure.model(shared * block.widths, block.point)
     scale = np.full(PLACES, 1.0)
     axes = Axes(scale, np.full(PLACES, np.arcsinh(-3e-3)), np.full(PLACES, 2.0 * np.arcsinh(3e-3) / (GRID - 1)))
     x = axes.points(SPRING_FROM_REST)

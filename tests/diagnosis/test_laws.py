@@ -7,8 +7,8 @@ from drillenv.diagnosis.constants import NAMES, constants
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.laws import Curve, axes_of, families, moved_to, on_axes, wider
 from drillenv.diagnosis.selection import most_likely_prior
-from drillenv.diagnosis.tables import GRID, MARGIN, look
-from drillenv.diagnosis.terms import Hypothesis
+from drillenv.diagnosis.tables import GRID, MARGIN, interpolate
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.constitutive.places import WAVEFORM
 from drillenv.dynamics.hybrid.vector_field import OWN, Y
 from drillenv.recordings import Nominal
@@ -67,11 +67,11 @@ def test_noise_alone_is_smoothed_away_and_a_smooth_law_is_kept():
 def test_a_law_is_the_same_on_other_axes_and_straight_beyond(group):
     term = curve(group)
     own = np.random.default_rng(1).normal(0.0, 5.0, len(term.unknowns))
-    before = Hypothesis((constants(NOMINAL), term), AXES, DRILL)
+    before = ModelStructure((constants(NOMINAL), term), AXES, DRILL)
     after = on_axes(before, wider(AXES))
     x = AXES.points(term.place)
     law = own @ term.basis
-    again = look(own @ after.terms[1].basis, after.axes, term.place, x)
+    again = interpolate(own @ after.terms[1].basis, after.axes, term.place, x)
     assert np.max(np.abs(again - law)) < 5e-3 * np.ptp(law)
     # beyond the last point, as it rises there: against the position on the axis
     end = after.axes.points(term.place)[-1]

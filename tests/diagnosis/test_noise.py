@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from drillenv.diagnosis.comb import off_comb
+from drillenv.diagnosis.comb import remove_harmonics
 from drillenv.diagnosis.noise import (
     NoiseModel,
     _sections,
+    converter_lsb,
     dead_band,
     estimate,
     find_lines,
     line_columns,
-    quantum,
     whiten,
 )
 
@@ -156,7 +156,7 @@ def test_the_comb_is_the_least_squares_fit():
     phase = 2.0 * np.pi * tone * np.outer(np.arange(1000), k)
     columns = np.c_[np.ones(1000), np.cos(phase), np.sin(phase)]
     rest = series - columns @ np.linalg.lstsq(columns, series, rcond=None)[0]
-    found = off_comb(series, tone, (1, 2, 3))
+    found = remove_harmonics(series, tone, (1, 2, 3))
     assert found.tones == pytest.approx(k * tone)
     assert found.rest == pytest.approx(rest, abs=1e-5)
     mean = 1000 * series.mean() ** 2
@@ -166,13 +166,13 @@ def test_the_comb_is_the_least_squares_fit():
 @pytest.mark.parametrize("step", [1.0, 0.37, 2.44140625e-4 * 9.81])
 def test_the_converters_step_is_found(step):
     samples = 30.0 * step * np.sin(np.arange(5000) / 7.0) + step * white(11, 5000)
-    assert quantum(0.123 + step * np.round(samples / step)) == pytest.approx(step, rel=1e-6)
+    assert converter_lsb(0.123 + step * np.round(samples / step)) == pytest.approx(step, rel=1e-6)
 
 
 def test_numbers_that_were_not_rounded_have_no_step():
-    assert quantum(white(12)) == 0.0
-    assert quantum(np.full(100, 3.0)) == 0.0
-    assert quantum([1.0, np.nan, 1.0]) == 0.0
+    assert converter_lsb(white(12)) == 0.0
+    assert converter_lsb(np.full(100, 3.0)) == 0.0
+    assert converter_lsb([1.0, np.nan, 1.0]) == 0.0
 
 
 def test_a_dead_band_is_found_and_nothing_else_is_one():

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter, lfilter_zi
 
 from drillenv.diagnosis.sensing import ACCELEROMETER, OVERDAMPED, Sensor, response, sensor_families, textbook_sensors
-from drillenv.diagnosis.terms import Scene
+from drillenv.diagnosis.terms import OperatingPoint
 from drillenv.dynamics.effects import REGISTRY, Channels, make
 from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.dynamics.sensors import channels_of
@@ -37,9 +37,9 @@ def pair(channels, fine=1):
     return np.stack([channels.force, channels.acceleration])[:, ::fine]
 
 
-def scene(i, rate=RATE, fresh=False):
+def point(i, rate=RATE, fresh=False):
     setting = SETTINGS[i]
-    return Scene(NAMES[i], setting.frequency, setting.amplitude, setting.pressure, rate, fresh)
+    return OperatingPoint(NAMES[i], setting.frequency, setting.amplitude, setting.pressure, rate, fresh)
 
 
 def families(**more) -> dict[str, Sensor]:
@@ -57,7 +57,7 @@ def at_start(term):
 
 def read(term, values, signals, where):
     added = term.add(values, where, signals.shape[-1])
-    sensed = term.sense(values, signals, where)
+    sensed = term.observe(values, signals, where)
     return sensed if added is None else sensed + added
 
 
@@ -76,13 +76,13 @@ def test_reading_is_linear_and_none_of_what_is_padded_comes_early(term):
     rng = np.random.default_rng(3)
     values = at_start(term) + np.array([each.width for each in term.unknowns]) * rng.normal(size=len(term.unknowns))
     one, two = rng.normal(size=(2, 3, 2, 700))
-    both = term.sense(values, 2.0 * one - two, scene(0))
-    apart = 2.0 * term.sense(values, one, scene(0)) - term.sense(values, two, scene(0))
+    both = term.observe(values, 2.0 * one - two, point(0))
+    apart = 2.0 * term.observe(values, one, point(0)) - term.observe(values, two, point(0))
     np.testing.assert_allclose(both, apart, atol=1e-9 * np.abs(both).max())
-    each = np.stack([term.sense(values, row, scene(0)) for row in one])
-    np.testing.assert_allclose(term.sense(values, one, scene(0)), each, atol=1e-9 * np.abs(both).max())
+    each = np.stack([term.observe(values, row, point(0)) for row in one])
+    np.testing.assert_allclose(term.observe(values, one, point(0)), each, atol=1e-9 * np.abs(both).max())
     padded = np.concatenate([np.zeros((2, 100)), one[0]], axis=-1)
-    early = term.sense(values, padded, scene(0))[:, : 100 - term.reach(values, RATE)[0] - 10]
+    early = term.observe(values, padded, point(0))[:, : 100 - term.reach(values, RATE)[0] - 10]
     assert np.abs(early).max() < 0.02 * np.abs(both).max()
 
 
@@ -91,18 +91,18 @@ def test_free_laws_change_nothing_at_zero_and_then_do(term):
     signals = pair(dense(RATE, 16)[0], 16)
     values = at_start(term)
     assert not values.any()
-    np.testing.assert_array_equal(read(term, values, signals, scene(0)), signals)
+    np.testing.assert_array_equal(read(term, values, signals, point(0)), signals)
     for i, each in enumerate(term.unknowns):
         step = np.zeros(len(values))
         step[i] = each.width
-        changed = np.abs(np.stack([read(term, step, signals, scene(k)) for k in (0, 1)]) - signals).max()
+        changed = np.abs(np.stack([read(term, step, signals, point(k)) for k in (0, 1)]) - signals).max()
         assert 1e-3 < changed < 1e3, each.name
 
 
 def test_a_library_sensor_at_its_neutral_value_changes_nothing():
     signals = pair(dense(RATE, 16)[0], 16)
     for name, values in (("accelerometer-resonance", [1e6, 0.02]), ("accelerometer-lowpass", [1e6])):
-        np.testing.assert_array_equal(textbook()[name].sense(np.array(values), signals, scene(0)), signals)
+        np.testing.assert_array_equal(textbook()[name].observe(np.array(values), signals, point(0)), signals)
 
 
 @pytest.mark.parametrize("name", GIVEN)
@@ -113,7 +113,12 @@ def test_textbook_terms_read_what_the_library_reads(name):
         measured = make(name, **GIVEN[name])
         said = pair(library(true, [measured]), fine)
         term = textbook(rate)[name]
-        got = read(term, np.array([GIVEN[name][each.name] for each in term.unknowns]), pair(true, fine), scene(i, rate))
+        got = read(
+            term,
+            np.array([GIVEN[name][each.name] for each in term.unknowns]),
+            pair(true, fine),
+            point(i, rate),
+        )
         judged = slice(1000, -20)
         error = error + np.sum((got - said)[:, judged] ** 2, axis=-1)
         effect = effect + np.sum((said - pair(true, fine))[:, judged] ** 2, axis=-1)
@@ -125,7 +130,7 @@ def test_rings_that_the_rate_hardly_resolves(f_a, most):
     true = dense(RATE, 16)[0]
     measured = make("accelerometer-resonance", f_a=f_a, zeta_a=0.03)
     said = pair(library(true, [measured]), 16)[1, 800:]
-    got = textbook()["accelerometer-resonance"].sense(np.array([f_a, 0.03]), pair(true, 16), scene(0))[1, 800:]
+    got = textbook()["accelerometer-resonance"].observe(np.array([f_a, 0.03]), pair(true, 16), point(0))[1, 800:]
     assert np.std(got - said) < most * np.std(said - true.acceleration[::16][800:])
 
 
@@ -141,9 +146,9 @@ def test_a_hum_has_its_frequency_and_an_amplitude_in_each_recording():
     ]
     own = [10.0 * math.cos(0.7), 10.0 * math.sin(0.7), 4.0 * math.cos(-2.0), 4.0 * math.sin(-2.0)]
     values = np.array([49.97, *[0.0] * 4, *own])
-    np.testing.assert_allclose(read(term, values, pair(true, 16), scene(1)), said, atol=1e-6)
-    np.testing.assert_array_equal(read(term, values, pair(true, 16), scene(0)), pair(true, 16))
-    assert term.add(values, scene(1)._replace(name="r09"), 10) is None
+    np.testing.assert_allclose(read(term, values, pair(true, 16), point(1)), said, atol=1e-6)
+    np.testing.assert_array_equal(read(term, values, pair(true, 16), point(0)), pair(true, 16))
+    assert term.add(values, point(1)._replace(name="r09"), 10) is None
 
 
 def test_free_laws_and_equations_have_names_of_their_own():
@@ -173,7 +178,7 @@ def explained(term, change, rate=RATE, fine=16):
     """Share of the sum of squares of changes, one (2, n) for each recording, that the free law's columns explain."""
     columns, wanted = [], []
     for i, true in enumerate(dense(rate, fine)):
-        signals, where = pair(true, fine), scene(i, rate)
+        signals, where = pair(true, fine), point(i, rate)
         rows = []
         for j, each in enumerate(term.unknowns):
             step = np.zeros(len(term.unknowns))
@@ -261,11 +266,11 @@ def test_a_high_pass_had_settled_where_a_rig_was_running():
     values[1] = 1.0
     steady = np.zeros((2, 5000))
     steady[0, 300:] = PUSH * SETTINGS[0].pressure
-    added = term.add(values, scene(0), 5000, 300)
+    added = term.add(values, point(0), 5000, 300)
     assert added is not None
-    left = term.sense(values, steady, scene(0)) + added
+    left = term.observe(values, steady, point(0)) + added
     np.testing.assert_allclose(left, 0.0, atol=0.01 * steady.max())
-    np.testing.assert_array_equal(term.add(values, scene(0, fresh=True), 5000, 300), 0.0)
+    np.testing.assert_array_equal(term.add(values, point(0, fresh=True), 5000, 300), 0.0)
 
 
 def test_the_charge_of_a_coupling_fades_with_its_corner():
@@ -274,7 +279,7 @@ def test_the_charge_of_a_coupling_fades_with_its_corner():
     values = np.zeros(len(term.unknowns))
     values[:6] = [0.0, 0.5, 0.0, 0.0, 1.0, 0.0]
     values[6:8] = [20.0, -3.0]
-    added = term.add(values, scene(0, fresh=True), 5000, 300)
+    added = term.add(values, point(0, fresh=True), 5000, 300)
     seconds = np.arange(4700) / RATE
     assert np.all(added[:, :300] == 0.0)
     np.testing.assert_allclose(added[0, 300:], 20.0 * np.exp(-math.pi * seconds))
@@ -291,9 +296,9 @@ def test_each_recording_has_a_delay_of_its_own():
     true = dense(RATE, 16)[1]
     said = pair(library(true, [make("channel-delay", delay_a=2e-4)]), 16)[:, 800:]
     values = np.array([0.0, 2e-4])
-    got = read(term, values, pair(true, 16), scene(1))[:, 800:]
+    got = read(term, values, pair(true, 16), point(1))[:, 800:]
     assert np.std(got[1] - said[1]) < 0.02 * np.std(said[1] - pair(true, 16)[1, 800:])
-    np.testing.assert_array_equal(read(term, values, pair(true, 16), scene(0)), pair(true, 16))
+    np.testing.assert_array_equal(read(term, values, pair(true, 16), point(0)), pair(true, 16))
     alone, own = term.of_recording("r99", values)
     assert own.tolist() == [1e-4] and alone.common == 0
     value, std, unit = term.summed_up(values, np.eye(2))["delay_a"]

@@ -23,10 +23,10 @@ def block_with(kind, frequency, amplitude):
     data = condition(campaign.recordings[0], Rig())
     block = nominal_block(campaign, data)
     term = sinusoid(kind, frequency, [data.name], 1.0)
-    block = replace(block, hypothesis=replace(block.hypothesis, terms=(*block.hypothesis.terms, term)))
-    shared = np.array([each.value / each.width for each in block.hypothesis.unknowns])
+    block = replace(block, structure=replace(block.structure, terms=(*block.structure.terms, term)))
+    shared = np.array([each.value / each.width for each in block.structure.unknowns])
     shared[-len(term.unknowns) + 1 :] = amplitude
-    return block, shared, block.settled(shared, first_states(data))
+    return block, shared, block.estimate_states(shared, first_states(data))
 
 
 @pytest.mark.parametrize(("kind", "frequency"), [(VIBRATION, 31.0), (ROTATION, 1.7)])

@@ -44,7 +44,7 @@ class Residuals:
             np.sum(a**2, axis=1),
         )
 
-    def advance(self, shared, own, move, before):
+    def try_step(self, shared, own, move, before):
         """The whole step."""
         return self.cost(shared, own + move), own + move
 

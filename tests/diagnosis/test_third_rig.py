@@ -12,8 +12,8 @@ from drillenv.diagnosis.adapter import Regression
 from drillenv.diagnosis.fitting import JOINED, fit_to
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, bsplines
 from drillenv.diagnosis.selection import forward
-from drillenv.diagnosis.tables import GRID, PLACES, Axes, look
-from drillenv.diagnosis.terms import Hypothesis, Term, Unknown
+from drillenv.diagnosis.tables import GRID, PLACES, Axes, interpolate
+from drillenv.diagnosis.terms import ModelStructure, Term, Unknown
 
 POSITION, SPEED = 0, 1
 """What laws of this rig are over."""
@@ -36,7 +36,7 @@ class Oscillator(Regression):
     """x'' = mu (1 - x^2) x' - k x + u: what is measured of x'' less what that and laws say."""
 
     data: Run
-    hypothesis: Hypothesis
+    structure: ModelStructure
     weight: float
     noise: float
 
@@ -54,10 +54,10 @@ class Oscillator(Regression):
 
     @cached_property
     def columns(self):
-        run, axes = self.data, self.hypothesis.axes
+        run, axes = self.data, self.structure.axes
         rows = [(1.0 - run.x**2) * run.v, -run.x]
-        for term in self.hypothesis.terms[1:]:
-            rows += [look(row, axes, term.place, (run.x, run.v)[term.place]) for row in term.basis]
+        for term in self.structure.terms[1:]:
+            rows += [interpolate(row, axes, term.place, (run.x, run.v)[term.place]) for row in term.basis]
         return np.array(rows)
 
     def residual(self, values):
@@ -72,13 +72,13 @@ class VanDerPol:
 
     axes = Axes(np.full(PLACES, 1e4), np.full(PLACES, -4e-4), np.full(PLACES, 8e-4 / (GRID - 1)))
 
-    def block(self, data, hypothesis, weight, noise):
-        return Oscillator(data, hypothesis, weight, noise)
+    def block(self, data, structure, weight, noise):
+        return Oscillator(data, structure, weight, noise)
 
     def first_noise(self, data):
         return NOISE
 
-    def own_for(self, own, data, hypothesis, noise):
+    def own_for(self, own, data, structure, noise):
         return own
 
     def noise_left(self, fitted, pool):
@@ -87,8 +87,8 @@ class VanDerPol:
     def axes_at(self, fitted, pool):
         return self.axes
 
-    def as_stated(self, hypothesis, values, places):
-        return Equivalent(hypothesis.axes, values, {})
+    def reparametrise_to_nominal(self, structure, values, places):
+        return Equivalent(structure.axes, values, {})
 
     def laws(self, fitted, axes, detail):
         def family(name, place):
@@ -144,9 +144,9 @@ def test_a_rig_from_elsewhere_is_diagnosed(missing, named):
     missing = np.vectorize(missing)
     data, rig = runs(missing, 5), VanDerPol()
     constants = Term("constants", tuple(Unknown(name, value, 0.02, 0.02) for name, value in (("mu", MU), ("k", 1.0))))
-    hypothesis = Hypothesis((constants,), rig.axes, rig)
+    structure = ModelStructure((constants,), rig.axes, rig)
     with ThreadPoolExecutor(1) as pool:
-        plain = fit_to(data, hypothesis, None, [np.zeros(0)] * 4, pool, JOINED)
+        plain = fit_to(data, structure, None, [np.zeros(0)] * 4, pool, JOINED)
         final, steps, _ = forward(data, plain, pool)
     assert [step.named.mechanism for step in steps] == named
     assert final.per_freedom == pytest.approx(1.0, abs=0.06)
@@ -154,7 +154,7 @@ def test_a_rig_from_elsewhere_is_diagnosed(missing, named):
         assert plain.per_freedom > 1.5
         (term,) = steps[0].terms
         x = np.quantile(np.concatenate([(run.x, run.v)[term.place] for run in data]), np.linspace(0.05, 0.95, 40))
-        found = look(final.values_of(term.name) @ term.basis, rig.axes, term.place, x)
+        found = interpolate(final.values_of(term.name) @ term.basis, rig.axes, term.place, x)
         true = missing(x, x)
         straight = np.column_stack([np.ones(40), x])
         off = (found - true) - straight @ np.linalg.lstsq(straight, found - true)[0]

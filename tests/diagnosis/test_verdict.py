@@ -29,7 +29,7 @@ def test_nothing_missing_agrees():
     assert not outcome.steps
     assert outcome.final.per_freedom == pytest.approx(1.0, abs=0.02)
     spread = np.sqrt(np.diag(outcome.final.fit.covariance))
-    for i, unknown in enumerate(outcome.final.hypothesis.unknowns[:8]):
+    for i, unknown in enumerate(outcome.final.structure.unknowns[:8]):
         off = outcome.final.values[i] - made.true._asdict()[unknown.name]
         assert abs(off) < 4.5 * spread[i] * unknown.width, unknown.name
 
