@@ -354,8 +354,11 @@ def _add_prove(parser: Parser) -> None:
     note = "processor seconds for each diagnosis; past that it has given no answer (default 300)"
     parser.add_argument("--limit", type=plain_number, default=300.0, metavar="S", help=note)
     parser.add_argument("--cluster", metavar="ADDRESS", help="address of a Ray cluster that diagnoses, or local")
+    kinds = parser.add_mutually_exclusive_group()
     note = "measure detection curves instead: each mechanism alone, from its full strength downwards"
-    parser.add_argument("--curves", action="store_true", help=note)
+    kinds.add_argument("--curves", dest="kind", action="store_const", const="curves", default="groups", help=note)
+    note = "count false alarms instead: nothing is missing, and by turns a constant is wrong"
+    kinds.add_argument("--nulls", dest="kind", action="store_const", const="nulls", help=note)
     note = "percussive-drill (default), or one-body: single bodies, shaken or on a driven axis"
     parser.add_argument("--rig", default="percussive-drill", metavar="{percussive-drill,one-body}", help=note)
     note = "check a finished trial in DIR instead: its seal, its reports, its marks, and N diagnoses made again"
@@ -765,9 +768,9 @@ def _prove(given: argparse.Namespace) -> None:
         trial.check_trial(folder, count("--check", given.check, 0, 10_000), given.jobs, note)
         print("the trial is what its seed and the diagnosis give")
         return
-    campaigns = given.campaigns if given.campaigns is not None else (4 if given.curves else 60)
+    campaigns = given.campaigns if given.campaigns is not None else (4 if given.kind == trial.CURVES else 60)
     record = trial.prove(
-        folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.curves, given.rig, note, True
+        folder, given.seed, campaigns, given.jobs, given.limit, given.cluster, given.kind, given.rig, note, True
     )
     if given.json:
         print_json(record)

@@ -192,6 +192,11 @@ def plan(seed: int, campaigns: int) -> list[Planned]:
     return planned
 
 
+def plan_nulls(seed: int, campaigns: int) -> list[Planned]:
+    """For each campaign its group: by turns one in which nothing is wrong, and one in which a constant is."""
+    return [Planned(("null", "wrong-constant")[i % 2], []) for i in range(campaigns)]
+
+
 def plan_curves(seed: int, repeats: int) -> list[Planned]:
     """For each mechanism and strength so many campaigns, of one equation after the other in a shuffled order."""
     rng = np.random.default_rng((seed, 0))

@@ -115,7 +115,7 @@ def _command(record: Mapping[str, Any]) -> str:
     command += f" --limit {record['limit']:g}"
     if "rig" in record:
         command += f" --rig {record['rig']}"
-    return command + (" --curves" if record.get("curves") else "")
+    return command + "".join(f" --{kind}" for kind in ("curves", "nulls") if record.get(kind))
 
 
 def _headline(marks: Sequence[Mark], summary: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

@@ -21,7 +21,7 @@ from typing import Any
 import drillenv
 from drillenv.blind import marking
 from drillenv.blind.body import make_body_campaign, plan_bodies
-from drillenv.blind.campaigns import Made, Planned, make_campaign, plan, plan_curves
+from drillenv.blind.campaigns import Made, Planned, make_campaign, plan, plan_curves, plan_nulls
 from drillenv.blind.confined import PEEKED
 from drillenv.blind.detection import detection_curves
 from drillenv.blind.seal import answers_digest, digest, digest_of_folder, seal, sealed, unseal
@@ -36,6 +36,9 @@ PATIENCE = 3.0
 """Times the limit that it may take by the clock."""
 DRILL, ONE_BODY = "percussive-drill", "one-body"
 """Rigs, as the recording format names them."""
+GROUPS, CURVES, NULLS = "groups", "curves", "nulls"
+PLANS = {GROUPS: plan, CURVES: plan_curves, NULLS: plan_nulls}
+"""Kinds of trials, with what deals their campaigns."""
 Note = Callable[[str], object]
 
 
@@ -46,7 +49,7 @@ def prove(
     jobs: int | None = None,
     limit: float = LIMIT,
     cluster: str | None = None,
-    curves: bool = False,
+    kind: str = GROUPS,
     rig: str = DRILL,
     note: Note | None = None,
     progress: bool = False,
@@ -60,7 +63,8 @@ def prove(
         jobs: Campaigns made and diagnosed side by side; as many as there are cores where not given.
         limit: s of processor time for each diagnosis.
         cluster: Address of a Ray cluster that diagnoses, or "local".
-        curves: Measure detection curves: each mechanism alone, at strengths from full downwards.
+        kind: "groups", as the rules say; "curves", detection curves: each mechanism alone, at strengths from full
+            downwards; "nulls", false alarms: nothing is missing, and by turns a constant is wrong.
         rig: "percussive-drill", or "one-body": single bodies, shaken or on a driven axis.
         note: Told what happens.
         progress: Draw a progress bar.
@@ -79,10 +83,10 @@ def prove(
     workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
     say = note if note is not None else _silent
     wanted = {"format": FORMAT, "seed": seed, "campaigns": campaigns, "limit": limit, "version": drillenv.__version__}
-    if choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY and curves:
-        raise InputError("detection curves are of the drilling rig: leave out one of rig and curves")
+    if choice("kind", kind, PLANS) != GROUPS and choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY:
+        raise InputError(f"{kind} are of the drilling rig: leave out one of rig and {kind}")
     # what every trial had before there were these says nothing of them
-    wanted |= ({"rig": rig} if rig == ONE_BODY else {}) | ({"curves": True} if curves else {})
+    wanted |= ({"rig": rig} if rig == ONE_BODY else {}) | ({kind: True} if kind != GROUPS else {})
     _begin(place, wanted)
     planned = _planned(wanted)
     hash_of_answers = sealed(place)
@@ -200,7 +204,8 @@ def _planned(wanted: Mapping[str, Any]) -> list[Planned]:
     """The campaigns of a trial, by its plan."""
     if wanted.get("rig") == ONE_BODY:
         return plan_bodies(wanted["seed"], wanted["campaigns"])
-    return (plan_curves if wanted.get("curves") else plan)(wanted["seed"], wanted["campaigns"])
+    kind = next((each for each in PLANS if wanted.get(each)), GROUPS)
+    return PLANS[kind](wanted["seed"], wanted["campaigns"])
 
 
 def _silent(text: str) -> None:

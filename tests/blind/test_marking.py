@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drillenv.blind import curves, detection, marking
-from drillenv.blind.campaigns import GROUPS, Planned, make_campaign, plan, plan_curves, schedule
+from drillenv.blind.campaigns import GROUPS, Planned, make_campaign, plan, plan_curves, plan_nulls, schedule
 from drillenv.blind.mechanisms import MECHANISMS, Concealed, Site, of_library
 
 OUTCOME = {"status": "answered", "seconds": 10.0, "memory_mib": 300.0}
@@ -204,6 +204,14 @@ def test_half_found_is_where_half_are_found():
     named = rng.uniform(size=400) < 1.0 / (1.0 + (10.0 / strengths) ** 2.5)
     assert detection.half_found(strengths, named) == pytest.approx(10.0, rel=0.2)
     assert detection.half_found([1.0, 2.0], [True, True]) is None
+
+
+def test_nothing_is_missing_in_a_trial_of_false_alarms():
+    listed = plan_nulls(1, 5)
+    assert [each.group for each in listed] == ["null", "wrong-constant", "null", "wrong-constant", "null"]
+    answers = [make_campaign(1, i, each).answer for i, each in enumerate(listed[:2])]
+    assert not any(each["mechanisms"] for each in answers)
+    assert not answers[0]["wrong"] and len(answers[1]["wrong"]) == 1
 
 
 def test_every_group_is_there_and_decks_are_dealt_to_their_ends():

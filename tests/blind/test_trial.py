@@ -183,3 +183,10 @@ def test_the_command(tmp_path):
     assert record["answers_sha256"] in (tmp_path / "t" / "trial.html").read_text()
     done = subprocess.run([*command, "--check", "1"], check=True, capture_output=True, text=True, cwd=tmp_path)
     assert "is what its seed and the diagnosis give" in done.stdout
+
+
+def test_kinds_of_trials(tmp_path):
+    for given, message in (({"kind": "all"}, "kind"), ({"kind": "nulls", "rig": "one-body"}, "leave out one of rig")):
+        with pytest.raises(InputError, match=message) as caught:
+            trial.prove(tmp_path / "t", seed=5, campaigns=2, **given)
+        assert "\n" not in str(caught.value)
