@@ -366,7 +366,7 @@ class BodyReport:
         final, axes = self.final, self.final.structure.axes
         place = next(each.place for each in terms if isinstance(each, Curve))
         ends = axes.points(place)[[0, -1]]
-        x = np.linspace(float(ends[0]), float(ends[1]), POINTS)
+        x = axes.between(place, float(ends[0]), float(ends[1]), POINTS)
         straight = self.unstated(place, x)
         inside = indices_of(final, terms) + list(straight)
         widths = np.array([final.structure.unknowns[i].width for i in inside])

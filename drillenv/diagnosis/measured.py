@@ -139,8 +139,7 @@ def _contact_rate(axes: Axes, fastest: float, depth: float) -> Shown:
 def _plain(
     axes: Axes, ends: tuple[float, float], place: int, argument: str, argument_unit: str, unit: str, seen: Seen | None
 ) -> Shown:
-    low, high = ends
-    x = np.linspace(low, high, POINTS)
+    x = axes.between(place, *ends, POINTS)
     straight = place in (SPRING, SPRING_FROM_REST, DAMPER, DRIVE)
     return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
 

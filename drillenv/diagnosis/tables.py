@@ -46,6 +46,11 @@ class Axes(NamedTuple):
         """(GRID,) arguments at which a place's values stand."""
         return self.scale[place] * np.sinh(self.low[place] + self.step[place] * np.arange(GRID))
 
+    def between(self, place: int, low: float, high: float, count: int) -> np.ndarray:
+        """(count,) arguments from one to another, spread as the axis is: friction sets in within next to no speed."""
+        scale = self.scale[place]
+        return scale * np.sinh(np.linspace(np.arcsinh(low / scale), np.arcsinh(high / scale), count))
+
     def stretch(self, place: int) -> np.ndarray:
         """(GRID,) by how much the argument rises from there to the next point, to first order."""
         return self.scale[place] * self.step[place] * np.cosh(self.low[place] + self.step[place] * np.arange(GRID))
