@@ -355,8 +355,10 @@ def test_a_law_that_is_no_equation_is_measured(put_in):
     assert record["verdict"] == "missing-physics"
     (finding,) = record["findings"]
     assert (finding["mechanism"], finding["form"]) == (mechanism, "measured")
-    x, y = (np.array(finding["law"][name]) for name in ("x", "y"))
-    true = law(x, x)
+    at, y = (np.array(finding["law"][name]) for name in ("x", "y"))
+    # a law has most of its points where dry friction sets in
+    x = np.linspace(at[0], at[-1], at.size)
+    y, true = np.interp(x, at, y), law(x, x)
     straight = np.column_stack([np.ones(x.size), x])
     off = (y - true) - straight @ np.linalg.lstsq(straight, y - true)[0]
     size = true - straight @ np.linalg.lstsq(straight, true)[0]
