@@ -40,6 +40,9 @@ from drillenv.dynamics.hybrid.runge_kutta import FLAGS, SPARE_SLOPE, STANDING, m
 from drillenv.dynamics.hybrid.sensitivity import by_state, law_slope, make_variation, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
+    BENT1,
+    BENT2,
+    BRISTLES1,
     CARRY,
     COUNT,
     M2,
@@ -208,6 +211,8 @@ class Section:
                     self._close_after(self.model.s[RATES[at]] * self.duration)
             elif not _acts(chosen):
                 # without strength an extra state stands still or fades unseen, and would only look like a multiplier
+                continue
+            elif not discrete and at in (BENT1, BENT2) and self.model.s[BRISTLES1 + at - BENT1] == 0.0:
                 continue
             elif not discrete and at != UD:
                 columns.append(at)
