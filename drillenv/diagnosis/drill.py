@@ -368,12 +368,17 @@ class ShootingProblem:
         if not raw.good:
             return math.inf, np.full(self.windows, math.inf)
         full = np.zeros(raw.said.shape[1])
-        full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
-        by_window = np.add.reduceat(full, self.data.starts[:-1].astype(int))
-        defects = (self.defects(raw, own, model) ** 2).sum(axis=1)
-        by_window[:-1] += defects
         off, precision = self.beliefs(own)
-        return 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2), 0.5 * by_window
+        # states from which a motion runs away cost more than numbers can say
+        with np.errstate(over="ignore", invalid="ignore"):
+            full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
+            defects = (self.defects(raw, own, model) ** 2).sum(axis=1)
+            total = 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2)
+        if not math.isfinite(total):
+            return math.inf, np.full(self.windows, math.inf)
+        by_window = np.add.reduceat(full, self.data.starts[:-1].astype(int))
+        by_window[:-1] += defects
+        return total, 0.5 * by_window
 
     def beliefs(self, own: Floats) -> tuple[Floats, Floats]:
         """What own unknowns are off the centres of their priors, and the priors' precisions."""
