@@ -53,22 +53,26 @@ def features(recording: Followed) -> Floats:
 def gaussian_process(x: Floats, y: Floats, rng: np.random.Generator) -> Learned:
     """Two Gaussian processes with a length for each feature; their lengths are those of most likelihood."""
     scaler = StandardScaler().fit(x)
-    kernel = ConstantKernel(1.0, (1e-3, 1e4)) * RBF(np.full(x.shape[1], 3.0), (0.1, 1e3)) + WhiteKernel(1.0, (0.1, 1e3))
+    lengths: Any = np.full(x.shape[1], 3.0)
+    kernel = ConstantKernel(1.0, (1e-3, 1e4)) * RBF(lengths, (0.1, 1e3)) + WhiteKernel(1.0, (0.1, 1e3))
     models: list[Any] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         for channel in y.T:
             few = rng.permutation(len(x))[:LEAST]
             begun = GaussianProcessRegressor(kernel).fit(scaler.transform(x[few]), channel[few])
-            models.append(GaussianProcessRegressor(begun.kernel_, optimizer=None).fit(scaler.transform(x), channel))
+            as_begun: Any = None
+            again = GaussianProcessRegressor(begun.kernel_, optimizer=as_begun)
+            models.append(again.fit(scaler.transform(x), channel))
     return lambda new: np.column_stack([each.predict(scaler.transform(new)) for each in models])
 
 
 def neural_network(x: Floats, y: Floats, rng: np.random.Generator) -> Learned:
     """Two hidden layers; training ends where a tenth of the samples that is kept out gains nothing any more."""
+    at_once: Any = 256
     network = MLPRegressor(
-        hidden_layer_sizes=(48, 48), alpha=1e-3, batch_size=256, early_stopping=True, n_iter_no_change=4, max_iter=30,
-        random_state=int(rng.integers(2**31)),
+        hidden_layer_sizes=(48, 48), alpha=1e-3, batch_size=at_once, early_stopping=True, n_iter_no_change=4,
+        max_iter=30, random_state=int(rng.integers(2**31)),
     )  # fmt: skip
     size = np.maximum(y.std(axis=0), 1e-12)
     with warnings.catch_warnings():

@@ -83,7 +83,7 @@ def prove(
     workers = count("jobs", jobs if jobs is not None else len(os.sched_getaffinity(0)), 1, 1024)
     say = note if note is not None else _silent
     wanted = {"format": FORMAT, "seed": seed, "campaigns": campaigns, "limit": limit, "version": drillenv.__version__}
-    if choice("kind", kind, PLANS) != GROUPS and choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY:
+    if choice("kind", kind, tuple(PLANS)) != GROUPS and choice("rig", rig, (DRILL, ONE_BODY)) == ONE_BODY:
         raise InputError(f"{kind} are of the drilling rig: leave out one of rig and {kind}")
     # what every trial had before there were these says nothing of them
     wanted |= ({"rig": rig} if rig == ONE_BODY else {}) | ({kind: True} if kind != GROUPS else {})
