@@ -155,7 +155,10 @@ def test_sensitivities_are_those_of_differences(name, periods):
     by_equations, motion = rig.varied(periods)
     plain = rig.begin.copy()
     rig.run(plain, periods)
-    assert np.allclose(plain.z, motion.z, rtol=1e-11, atol=1e-13) and plain.d[REGIME] == motion.d[REGIME]
+    # how far bristles are bent is a place, as exact as the others, and their force that times their stiffness
+    size = np.ones(plain.z.size)
+    size[[BENT1, BENT2]] = np.maximum(rig.model.s[[BRISTLES1, BRISTLES2]], 1.0)
+    assert np.max(np.abs(plain.z - motion.z) / size) <= 1e-13 and plain.d[REGIME] == motion.d[REGIME]
     by_differences = np.stack([rig.differences(periods, state) for state in rig.moving], axis=1)
     size = rig.sizes[rig.moving]
     ours = by_equations[np.ix_(rig.moving, rig.moving)] * size / size[:, None]
