@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from numba import typeof
 from numba.core import event
 
 MESSAGE = "compiling for this machine, once, for up to half a minute ..."
@@ -45,6 +46,19 @@ def _say() -> None:
     sys.stderr.flush()
 
 
+def compile_for(kernel: Any, *arguments: Any) -> None:
+    """Compile a kernel for the types of these arguments, without running it."""
+    kernel.compile(tuple(typeof(each) for each in arguments))
+
+
+_alone: list[bool] = []
+
+
+def forgo_help() -> None:
+    """From now on this process starts no other."""
+    _alone.append(True)
+
+
 @contextlib.contextmanager
 def helped(code: str) -> Iterator[Callable[[], object]]:
     """While this process compiles, another compiles what ``code`` needs, into the same cache.
@@ -59,6 +73,8 @@ def helped(code: str) -> Iterator[Callable[[], object]]:
     started: list[subprocess.Popen[bytes]] = []
 
     def start() -> None:
+        if _alone:
+            return
         nowhere = subprocess.DEVNULL
         with contextlib.suppress(OSError):
             command = [sys.executable, "-c", code]

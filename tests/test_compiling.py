@@ -5,10 +5,21 @@ import pty
 import subprocess
 import sys
 
+import gymnasium
+import numpy as np
 import pytest
 from numba import njit
 
 from drillenv.compiling import MESSAGE, helped
+from drillenv.dynamics.hybrid import sensitivity, shooting
+from drillenv.dynamics.hybrid.model import fresh_motion, model_for
+from drillenv.dynamics.hybrid.runge_kutta import make_scratch
+from drillenv.dynamics.hybrid.vector_field import OWN
+from drillenv.env import hybrid_plant
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import Rock
+
+MODEL = model_for(Rig(), Setting(100.0, 0.4, 1.0), Rock(1e8, 2e8), ())
 
 CODE = """
 from numba import njit
@@ -71,3 +82,38 @@ def test_help_that_fails_is_done_without():
     with helped("raise SystemExit(1)") as wait:
         assert one(1.0) == 2.0
         wait()
+
+
+def test_a_process_that_forgoes_help_gets_none(tmp_path):
+    made = tmp_path / "made"
+    code = f"""
+from numba import njit
+from drillenv.compiling import forgo_help, helped
+forgo_help()
+@njit
+def one(x):
+    return x + 1
+with helped("open({str(made)!r}, 'w').close()") as wait:
+    one(1.0)
+    wait()
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert not made.exists()
+
+
+def test_what_a_helper_compiles_is_what_is_called():
+    # other types than those of the calls would be compiled for nothing
+    rig = gymnasium.make("drillenv/DrillHidden-v0")
+    rig.reset(seed=1)
+    rig.step(rig.action_space.sample())
+    hybrid_plant.compile_drill()
+    assert len(hybrid_plant.drill.signatures) == 1
+    made = sensitivity.make_variation(MODEL, 1), make_scratch(MODEL)
+    d = fresh_motion(MODEL).d
+    windows = shooting.Windows(
+        np.array([0, 10]), np.zeros((1, OWN)), np.zeros((1, 1, OWN)), 5e4, 0.0, 0.0, False, 1, 2e-3
+    )
+    shot = shooting.Shot(*map(np.zeros, ((OWN, 0), (2, 10), (1, 2, 10), (1, OWN), (1, 1, OWN))))
+    shooting.shoot(MODEL, d, 1e-7, windows, sensitivity.by_state(1), shot, *made)
+    shooting.compile_derivatives()
+    assert len(sensitivity.vary_step.signatures) == len(sensitivity.saltate.signatures) == 1

@@ -70,7 +70,9 @@ def main(arguments: list[str]) -> int:
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
     forbid(trial)
     from drillenv.cli import main as command
+    from drillenv.compiling import forgo_help
 
+    forgo_help()
     return command(["diagnose", campaign, "--out", out])
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drillenv.checks import InputError, count, shown
+from drillenv.compiling import helped
 from drillenv.corrected import model_record
 from drillenv.diagnosis.body_diagnosis import diagnose_body
 from drillenv.diagnosis.condition import without_unusable
@@ -18,6 +19,7 @@ from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.provenance import provenance
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
 from drillenv.diagnosis.verdict import CORES, diagnose_drill, nominal_rig
+from drillenv.dynamics.hybrid.shooting import COMPILE_DERIVATIVES
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
@@ -110,7 +112,8 @@ def diagnose(
         raise InputError(f"no recording can be used: give one that is sound ({reasons(faults)})")
     campaign, shortened = excerpts(campaign)
     campaign, unusable = without_unusable(campaign, nominal_rig(campaign))
-    outcome = diagnose_drill(campaign, note, jobs, scope, interruptible)
+    with helped(COMPILE_DERIVATIVES):
+        outcome = diagnose_drill(campaign, note, jobs, scope, interruptible)
     model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
     record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened, *unusable])
     record = bounded({**origin, **record}, only, outcome.stopped)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from drillenv.compiling import announce
+from drillenv.compiling import announce, helped
 from drillenv.dynamics.compiled import KERNEL
 from drillenv.dynamics.exact import THETA, TURN, TURNS, make_scratch
 from drillenv.env import plant
@@ -149,12 +149,16 @@ class Batch:
         memory[plant.LAG], memory[plant.BLOWS] = episode.lag, episode.blows
         # long ago, so that no impact takes the first one for its repetition
         memory[plant.LAST_TURNS] = -1e6
-        place(plants, i, episode.phase)
         self.hybrid[i] = None
-        if episode.effects:
-            from drillenv.env.hybrid_plant import HybridPlant
+        if not episode.effects:
+            place(plants, i, episode.phase)
+            return
+        from drillenv.env.hybrid_plant import COMPILE_DRILL, HybridPlant
 
+        with helped(COMPILE_DRILL) as wait:
+            place(plants, i, episode.phase)
             self.hybrid[i] = HybridPlant(plants, i, episode.effects)
+            wait()
 
     def step(self, which: np.ndarray, actions: np.ndarray, increment: bool, noise: np.ndarray) -> None:
         """One interval of the rigs marked in ``which`` (n,), at what ``actions`` (n, 3) float32 ask for.

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, shown
+from drillenv.compiling import compile_for
 from drillenv.dynamics.borrow import borrowed
 from drillenv.dynamics.compiled import KERNEL, NO, YES, constants
 from drillenv.dynamics.effects import make
@@ -42,6 +43,7 @@ from drillenv.env.plant import (
     LAYER,
     LAYER_KL,
     LAYER_KU,
+    PEAKS,
     PRESSURE,
     S_CONTACT_TIME,
     S_CONTACTS,
@@ -53,12 +55,15 @@ from drillenv.env.plant import (
     SAMPLES,
     SETTLED,
     SUBSTEP,
+    SUMS_SIZE,
+    TRACE,
     VALVE,
     VOLTAGE,
     Plants,
     add_sample,
     held_pressure,
     leave_rock,
+    make_plants,
     never_left,
     note_impact,
     set_layer,
@@ -300,3 +305,17 @@ def prepare_fresh(m, d, z, scratch) -> None:
     """Let a motion begin."""
     set_factor(m, d)
     prepare(m, d, z, YES, scratch)
+
+
+COMPILE_DRILL = f"from {__name__} import compile_drill; compile_drill()"
+"""For :func:`drillenv.compiling.helped`, where a rig is put at rest that is to be drilled with."""
+
+
+def compile_drill() -> None:
+    """Compile what a control interval needs, what a rig that is put at rest needs too last."""
+    plants, model = make_plants(1), model_for(Rig(), START, Rock(1e8, 2e8), ())
+    d, z = fresh_motion(model)
+    sums, peaks, window = np.empty(SUMS_SIZE), np.empty((PEAKS, 2)), np.empty((0, len(TRACE)))
+    scratch = make_scratch(model)
+    compile_for(advance, model.flat, d, z, 0.0, RTOL, NO, scratch)
+    compile_for(drill, plants, 0, model.flat, d, z, np.empty(3), sums, peaks, window, RTOL, scratch)

@@ -34,6 +34,7 @@ from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.dynamics.effects import REGISTRY, Chosen
 from drillenv.dynamics.hybrid import vector_field as V
+from drillenv.dynamics.hybrid.shooting import COMPILE_DERIVATIVES
 from drillenv.dynamics.motion import motion
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.planning.signatures import Signature, planned_for, signatures, stated_term
@@ -117,7 +118,7 @@ def survey(site: Site, settings: Sequence[tuple[Setting, str]], seed: int, note:
     """
     nuisances = (constants(believed(site.rig, site.rock)), logger(), *map(stated_term, site.effects))
     base = ModelStructure(nuisances, FLAT, DRILL)
-    with helped(SEARCH_FOR_A_MOTION) as wait:
+    with helped(f"{COMPILE_DERIVATIVES}; {SEARCH_FOR_A_MOTION}") as wait:
         settle(site, *settings[0], base)  # which compiles all that it needs
         wait()
     regular = [each for each in settings if is_regular(site, each[0])]

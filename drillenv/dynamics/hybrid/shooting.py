@@ -12,14 +12,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from drillenv.compiling import compile_for
 from drillenv.dynamics.borrow import borrowed
-from drillenv.dynamics.compiled import ALLOCATING, INNER, NO, YES, apart, copy
+from drillenv.dynamics.compiled import ALLOCATING, INNER, KERNEL, NO, YES, apart, copy
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, SWITCHES_TOO_DENSE, WENT_ON, advance, prepare
 from drillenv.dynamics.hybrid.events import set_factor
-from drillenv.dynamics.hybrid.model import Model
+from drillenv.dynamics.hybrid.model import Model, fresh_motion, model_for
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
     BEGIN_D,
@@ -31,6 +32,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     SPARE,
     SPARE_SLOPE,
     follow,
+    make_scratch,
 )
 from drillenv.dynamics.hybrid.sensitivity import (
     BY_ROCK,
@@ -44,8 +46,10 @@ from drillenv.dynamics.hybrid.sensitivity import (
     begin_factor,
     borrow_columns,
     borrow_variation,
+    by_state,
     carry_over,
     inside_step,
+    make_variation,
     saltate,
     vary_step,
 )
@@ -75,6 +79,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     rates,
     stiffness,
 )
+from drillenv.rig import Rig, Setting
+from drillenv.rocks import Rock
 
 FASTEST = 100.0
 """m/s of the indenter beyond which a motion is given up."""
@@ -273,7 +279,7 @@ def read_path(
             path[W, k] = law_force(m, d, regime, scratch[SPARE, W]) / stiffness(m, d, ON_LOADING)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**KERNEL)
 def shoot(
     model: Model,
     d: np.ndarray,
@@ -355,3 +361,16 @@ def shoot(
             for c in range(count):
                 shot.ends_by_column[window, c, i] = work.v[0, i, c]
     return WENT_ON, made
+
+
+COMPILE_DERIVATIVES = f"from {__name__} import compile_derivatives; compile_derivatives()"
+"""For :func:`drillenv.compiling.helped`, where :func:`shoot` is needed."""
+
+
+def compile_derivatives() -> None:
+    """Compile the half of :func:`shoot` that takes derivatives along."""
+    model, columns = model_for(Rig(), Setting(100.0, 0.4, 1.0), Rock(1e8, 2e8), ()), by_state(1)
+    d, z = fresh_motion(model)
+    scratch, work = make_scratch(model), make_variation(model, 1)
+    compile_for(vary_step, model.flat, 0.0, columns, work, scratch)
+    compile_for(saltate, model.flat, d, z, z, d, z, 0.0, columns, work, scratch)
