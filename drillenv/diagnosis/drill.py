@@ -245,6 +245,14 @@ class ShootingProblem:
             total[channel] += size * self.noise[channel].std * row
         return total
 
+    def lines_of(self, channel: int, own: Floats) -> list[tuple[float, Floats]]:
+        """Frequency in Hz, and (2,) sine and cosine in the channel's unit, of each line of a channel's noise."""
+        sizes = own[own.size - len(self.lines) :] if self.lines else own[:0]
+        mine = np.array([size for (each, _), size in zip(self.lines, sizes, strict=True) if each == channel])
+        model = self.noise[channel]
+        count = len(model.lines)
+        return [(f, model.std * mine[[i, count + i]]) for i, f in enumerate(model.lines)]
+
     @property
     def locals(self) -> int:
         """Own unknowns behind the states: share of the pressure, impacts before it began, and the lines."""

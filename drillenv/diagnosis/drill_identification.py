@@ -12,7 +12,18 @@ from scipy.optimize import least_squares
 from drillenv.diagnosis.adapter import Rival
 from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import DRIVE_LAG, LOGARITHMS, NUMBERS, STRAIGHT, Curve, Equation, Family, Gain, equations
+from drillenv.diagnosis.laws import (
+    DRIVE_LAG,
+    LOGARITHMS,
+    NUMBERS,
+    STRAIGHT,
+    Begun,
+    Curve,
+    Equation,
+    Family,
+    Gain,
+    equations,
+)
 from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
@@ -120,7 +131,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
             equation.contribute(values[count:], tried, point, shifted(same_forces(axes, model, tried), shift))
             if not off:
                 off = {place: tried.curve(place) - standing[place] for place in curves}
-            for i in (*NUMBERS.values(), V.F_A):
+            for i in (*NUMBERS.values(), V.SLIDING1, V.SLIDING2, V.F_A):
                 if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
                     rows.append(weight * math.log(max(tried.s[i], 1e-12) / model.s[i]))
         if factor is None:
@@ -153,6 +164,9 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
 def places_of(family: Family) -> tuple[list[int], list[str]]:
     """Places of a family's curves, and the numbers of the model that it changes."""
     places = [term.place for term in family.terms if isinstance(term, Curve)]
+    places += [
+        place for term in family.terms if isinstance(term, Begun) for place in acts_at(term.effect, term.form)[0]
+    ]
     numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
     return places, [*WITH_STATES.get(family.group, numbers)]
 

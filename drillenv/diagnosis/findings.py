@@ -14,7 +14,14 @@ from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.evidence import AGREED, surplus
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
-from drillenv.diagnosis.measured import Visited, indices_of, measured_law, measured_response, quantity
+from drillenv.diagnosis.measured import (
+    Visited,
+    hum_spectrum,
+    indices_of,
+    measured_law,
+    measured_response,
+    quantity,
+)
 from drillenv.diagnosis.naming import MOST
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import ScoreTests, Step
@@ -93,6 +100,8 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
     terms = step.terms
     if isinstance(terms[0], Added):
         entry["parameters"] = entry["parameters"] or parameters_of(final, terms[0], deviations(final))
+        if terms[0].orders:
+            entry["law"] = hum_spectrum(final, terms[0])
     elif isinstance(terms[0], Sensor):
         if named.equation is None:
             entry["parameters"] = summed_up(final, terms[0])

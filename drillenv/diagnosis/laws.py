@@ -60,6 +60,8 @@ GRIPS = {
 }
 NOTHING = 1e-5
 """Share of how far from neutral a parameter begins, within which it is neutral: a play of nanometres is no curve."""
+LEAST_FRICTION = 1e-3
+"""N at which a family of friction begins: of bristles that slide at no force nothing could be differentiated."""
 LEAST_GRIP = 1e-6
 """N. With no friction at all the engine does not know which way a mass slides, and so not what more would do."""
 DRIVE_LAG = "drive_lag"
@@ -180,6 +182,15 @@ class Equation(Term):
         nothing = NOTHING * np.abs(starts - neutral).max(axis=0)
         rows = zip(p, neutral.tolist(), nothing.tolist(), strict=True)
         return tuple(none if abs(value - none) < least else value for value, none, least in rows)
+
+
+@dataclass(frozen=True)
+class Begun(Equation):
+    """An equation of which the first parameter is free and all others are as at its first start."""
+
+    def parameters(self, values: Floats) -> tuple[float, ...]:
+        """All of the effect's, by their order."""
+        return super().parameters(np.append(values, self.form.starts[0][1:]))
 
 
 def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
@@ -368,7 +379,7 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
     """
     free = FreeLaws(axes, detail)
     acting = [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies)]
-    return [*acting, *_remembering(), _mounting(free)]
+    return [*acting, *_remembering(), *_giving(), _mounting(free)]
 
 
 def _contact(free: FreeLaws) -> list[Family]:
@@ -435,6 +446,18 @@ def _remembering() -> list[Family]:
     for f in (60.0, 150.0, 380.0):
         mode = Mount("mount", coefficients("mount", 1, 0.01), f)
         found.append(Family(f"mount {f:g} Hz", "mount", (mode,)))
+    return found
+
+
+def _giving() -> list[Family]:
+    """Families of dry friction that gives before it slides: what gives most of the time is no law over the speed."""
+    found = []
+    for place, group in ((GUIDE, "guide"), (INDENTER, "indenter")):
+        giving = [each for each in equations([place], []) if each.has_states]
+        simplest = min(giving, key=lambda each: len(each.unknowns))
+        strength = simplest.unknowns[0]._replace(value=LEAST_FRICTION)
+        term = Begun(f"{simplest.name} begun", (strength,), simplest.effect, simplest.form, True)
+        found.append(Family(f"{group} that gives", group, (term,)))
     return found
 
 

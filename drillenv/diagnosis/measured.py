@@ -6,6 +6,7 @@ of the library's equations where it follows none.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,11 +15,11 @@ import numpy as np
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.laws import Curve, Equation, Family
 from drillenv.diagnosis.selection import Fitted
-from drillenv.diagnosis.sensing import Sensor, response
+from drillenv.diagnosis.sensing import Added, Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, interpolate
-from drillenv.diagnosis.terms import DRIVE_PHASE, Model, Term
+from drillenv.diagnosis.terms import DRIVE_PHASE, Model, Term, mean_amplitude
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
     DAMPER,
@@ -42,6 +43,8 @@ LOW_END = 5
 """Part of a spring's range, inverted, from which it is taken to go on straight to where it has no force."""
 BINS, FEW = 40, 8
 """Of partial residuals, and samples in one at least."""
+MOST_ORDERS, OFF_ORDER = 5, 0.5
+"""Orders of a hum that are shown at most, and Hz from an order within which a line of the noise is it."""
 NEAR_DEPTH = 1.3
 """Times the median depth, either way, within which samples speak of a law at that depth."""
 
@@ -154,21 +157,42 @@ def unloaded(model: Model, axes: Axes, ends: tuple[float, float]) -> float:
     turns = np.flatnonzero(force[1:] * force[:-1] <= 0.0)
     inside = slice(turns[0], turns[0] + 2) if turns.size else slice(0, POINTS // LOW_END)
     slope, level = np.polyfit(x[inside], force[inside], 1)
+    if not turns.size:
+        # what a law is at 0 with its slope, and goes with the cube from there, is three times less than its slope says
+        at = float(x[inside].mean())
+        secant = model.s[V.K] + (slope - model.s[V.K]) / 3.0
+        return at - (level + slope * at) / secant if secant > 0.0 else 0.0
     return float(-level / slope) if slope > 0.0 else 0.0
 
 
-def _spring(axes: Axes, ends: tuple[float, float], model: Model) -> Shown:
-    """Force over the shortening from where the spring has none, as a free law of a fitted model has it."""
-    zero = unloaded(model, axes, ends)
+def _spring(
+    axes: Axes,
+    ends: tuple[float, float],
+    place: int,
+    zero: float,
+    argument: str,
+    coordinate: Callable[[Motion], Floats],
+) -> Shown:
+    """Force over the shortening, or that beyond the one at rest, counted from ``zero``; see :func:`unloaded`."""
     x = np.linspace(*ends, POINTS) - zero
 
     def y(model: Model) -> Floats:
-        return _at(model, axes, SPRING, x + zero) + model.s[V.K] * zero
+        return _at(model, axes, place, x + zero) + model.s[V.K] * zero
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
-        return motion.path[V.Y] - zero, motion.push
+        return coordinate(motion) - zero, motion.push
 
-    return Shown("shortening of the coupling", "m", "N", x, y, seen, straight=True)
+    return Shown(argument, "m", "N", x, y, seen, straight=True)
+
+
+def _coupling(model: Model, axes: Axes, place: int, ends: tuple[float, float]) -> Shown:
+    """What a free law of the coupling's spring says, as it has no force where nothing is shortened."""
+    if place == SPRING:
+        zero = unloaded(model, axes, ends)
+        return _spring(axes, ends, place, zero, "shortening of the coupling", lambda m: m.path[V.Y])
+    low = _at(model, axes, place, np.linspace(*ends, POINTS)[: POINTS // LOW_END]).mean()
+    zero = -float(low / model.s[V.K])
+    return _spring(axes, ends, place, zero, "shortening beyond that at rest", lambda m: from_rest(m.path[V.Y], m.model))
 
 
 def _play_of(motion: Motion) -> tuple[Floats, Floats]:
@@ -199,9 +223,10 @@ PLAIN: dict[str, tuple[int, str, str, str, Seen | None]] = {
 def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, visited: Visited) -> Shown:
     """How a family's law, of these ``terms`` now, is shown; ``depth`` is the median loading depth in m."""
     axes = fitted.structure.axes
-    if family.group == "spring" and isinstance(terms[0], Curve):
+    if family.group in ("spring", "play") and isinstance(terms[0], Curve):
         model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
-        return _spring(axes, _ends(visited.axes, SPRING), model)
+        place = SPRING if family.group == "spring" else SPRING_FROM_REST
+        return _coupling(model, axes, place, _ends(visited.axes, place))
     if family.group in PLAIN:
         return _plain(axes, _ends(visited.axes, PLAIN[family.group][0]), *PLAIN[family.group])
     if family.group == "contact law":
@@ -365,6 +390,37 @@ def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floa
     if display.argument == "frequency":
         return np.array([float(at(f).s[V.F_A]) - 1.0 for f in display.x])
     return display.y(at(point.frequency))
+
+
+def hum_spectrum(fitted: Fitted, term: Added) -> dict[str, Any]:
+    """Amplitude in the force of each order of a hum, as ``law`` of a report.
+
+    The root mean square over recordings. Orders that the noise has among its lines are the hum's as well.
+    """
+    frequency = term.frequency_of(fitted.values_of(term.name))
+    inside = indices_of(fitted, [term])
+    spread = np.sqrt(np.diag(fitted.fit.covariance)[inside] * max(1.0, fitted.per_freedom))
+    widths = np.array([each.width for each in term.unknowns])
+    sizes, stds = term.waves(fitted.values_of(term.name)), term.waves(spread * widths)
+    found = {
+        order: mean_amplitude(sizes[:, 0, 2 * i : 2 * i + 2], stds[:, 0, 2 * i : 2 * i + 2])
+        for i, order in enumerate(term.orders)
+    }
+    beside = [block.lines_of(0, own) for block, own in zip(fitted.blocks, fitted.fit.own, strict=True)]
+    for order in range(max(term.orders) + 1, MOST_ORDERS + 1):
+        waves = [near(each, order * frequency) for each in beside]
+        if any(each.any() for each in waves):
+            std = [block.noise[0].std * math.sqrt(2.0 / block.data.force.size) for block in fitted.blocks]
+            found[order] = mean_amplitude(np.array(waves), np.tile(std, (2, 1)).T)
+    y, std = (np.array(each) for each in zip(*found.values(), strict=True))
+    orders = np.array(list(found), dtype=float)
+    return law_record("order of the line, in the force", "1", "N", orders, y, std)
+
+
+def near(lines: Sequence[tuple[float, Floats]], frequency: float) -> Floats:
+    """(2,) sine and cosine of the line nearest to a frequency in Hz, of frequencies and amplitudes; 0 without one."""
+    there = [(abs(at - frequency), waves) for at, waves in lines if abs(at - frequency) < OFF_ORDER]
+    return min(there, key=lambda each: each[0])[1] if there else np.zeros(2)
 
 
 def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:

@@ -287,10 +287,18 @@ class Added(Sensor):
         """The recording's own; where there is one value more than the amplitudes, the first is the frequency."""
         if self.names and point.name not in self.names:
             return None
+        sizes = self.waves(values)[self.names.index(point.name) if self.names else 0]
+        return sizes @ _waves(self.frequency_of(values) / point.rate, self.orders, n)
+
+    def waves(self, values: Floats) -> Floats:
+        """(recordings, 2, waves) sizes by recording, channel, and sine and cosine of each order, or constants."""
         places, waves = max(1, len(self.names)), max(1, 2 * len(self.orders))
-        frequency = values[0] if len(values) > 2 * places * waves else self.frequency
-        sizes = values[-2 * places * waves :].reshape(places, 2, waves)
-        return sizes[self.names.index(point.name) if self.names else 0] @ _waves(frequency / point.rate, self.orders, n)
+        return values[-2 * places * waves :].reshape(places, 2, waves)
+
+    def frequency_of(self, values: Floats) -> float:
+        """In Hz: the first parameter where there is one more than sizes."""
+        sizes = 2 * max(1, len(self.names)) * max(1, 2 * len(self.orders))
+        return float(values[0]) if len(values) > sizes else self.frequency
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """What is each recording's own by the library's symbols.
@@ -300,12 +308,10 @@ class Added(Sensor):
         """
         if not self.names:
             return super().stated(values, spread)
-        first = len(values) - 2 * len(self.names) * max(1, 2 * len(self.orders))
-        # by recording, channel, and sine and cosine of each order
-        sizes, spreads = (each[first:].reshape(len(self.names), 2, -1) for each in (values, spread))
+        sizes, spreads = self.waves(values), self.waves(spread)
         found = {}
         if self.orders:
-            frequency, std = (float(values[0]), float(spread[0])) if first else (self.frequency, 0.0)
+            frequency, std = self.frequency_of(values), float(spread[0]) if sizes.size < len(values) else 0.0
             found["f_m"] = {"value": frequency, "std": std, "unit": "Hz"}
         for i, (channel, (_name, unit)) in enumerate(zip("fa", CHANNELS, strict=True)):
             if self.orders:
