@@ -26,6 +26,8 @@ GRIPS = {
 """Where dry friction acts as a curve, and over how many m/s it is taken to set in."""
 BRISTLES = {"shaker_bristles": GUIDE, "indenter_bristles": INDENTER}
 """Where dry friction gives before it slides: a law there is over the speed either way."""
+OF_FRICTION = frozenset({*GRIPS, *BRISTLES, "shaker_bristle_damping", "indenter_bristle_damping"})
+"""Numbers of the model that belong to a curve."""
 FINE = 400
 """Depths at which a contact's law is inverted."""
 
@@ -105,7 +107,7 @@ def acts_at(effect: str, form: Form) -> tuple[frozenset[int], frozenset[str]]:
             places.add(CODE[name])
     scalars = scalars_of(effect, p)
     places |= {GRIPS[name][0] for name in scalars if name in GRIPS}
-    return frozenset(places), frozenset(name for name in scalars if name not in GRIPS and name not in BRISTLES)
+    return frozenset(places), frozenset(name for name in scalars if name not in OF_FRICTION)
 
 
 @functools.cache

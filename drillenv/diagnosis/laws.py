@@ -51,6 +51,8 @@ NUMBERS = {
     "air_rate": V.AIR_RATE,
     "shaker_bristles": V.BRISTLES1,
     "indenter_bristles": V.BRISTLES2,
+    "shaker_bristle_damping": V.BRISTLE_DAMPING1,
+    "indenter_bristle_damping": V.BRISTLE_DAMPING2,
 }
 GRIPS = {
     "shaker_grip": V.GRIP1,

@@ -71,10 +71,10 @@ def test_a_contact_is_a_factor_on_the_stiffness_over_the_force():
 def test_friction_that_grips_or_gives_is_rounded(name, place):
     """What gives before it slides has the force at which it slides."""
     v = np.array([-0.1, 0.0, 0.1])
-    for p in ((30.0, 0.0, 0.0, 0.0, 1e-3), (30.0, 0.0, 1e-6, 0.0, 1e-3)):
+    for p in ((30.0, 0.0, 0.0, 0.0, 0.0, 1e-3), (30.0, 0.0, 1e-6, 0.0, 0.0, 1e-3)):
         np.testing.assert_allclose(curve_at(name, p, CODE[place], v, AROUND), [-30.0, 0.0, 30.0])
     slow = 30.0 * (1.0 + 0.4 * math.exp(-1.0))
-    found = curve_at(name, (30.0, 0.0, 1e-6, 0.4, 0.1), CODE[place], v, AROUND)
+    found = curve_at(name, (30.0, 0.0, 1e-6, 0.0, 0.4, 0.1), CODE[place], v, AROUND)
     np.testing.assert_allclose(found, [-slow, 0.0, slow])
 
 

@@ -131,5 +131,7 @@ SCALARS: Mapping[str, str] = {
     "indenter_bristles": "N/m, the same on the indenter",
     "shaker_sliding": "N, force at which it then slides; a law at guide adds to that, over the speed either way",
     "indenter_sliding": "N, the same on the indenter, with a law at indenter",
+    "shaker_bristle_damping": "N s/m, force over the speed at which bristles give",
+    "indenter_bristle_damping": "N s/m, the same on the indenter",
 }
 """What an effect may set that is no curve, with its unit; 0 where no effect sets it."""

@@ -65,8 +65,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     AIR_STIFFNESS,
     BENT1,
     BENT2,
+    BRISTLE_DAMPING1,
     BRISTLES1,
-    BRISTLES2,
     COUNT_CONTACT,
     CUT,
     DRIVE_LAG,
@@ -103,7 +103,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     SIZES_AT,
     SLIDE1,
     SLIDING1,
-    SLIDING2,
     TALLY,
     TERMS,
     THETA,
@@ -418,10 +417,13 @@ def linearise_bristles(
             sliding += value
             slope += rate
     sliding = max(sliding, LEAST_SLIDING)
-    j[V1 + mass, BENT1 + mass] = -1.0 / m[M1 + mass]
-    by_sliding = m[BRISTLES1 + mass] * way * v * force / (sliding * sliding)
-    j[BENT1 + mass, BENT1 + mass] = -m[BRISTLES1 + mass] * way * v / sliding
-    j[BENT1 + mass, V1 + mass] = m[BRISTLES1 + mass] * (1.0 - way * force / sliding) + by_sliding * slope * way
+    stiff, damping = m[BRISTLES1 + mass], m[BRISTLE_DAMPING1 + mass]
+    # the speed at which they give, by the sliding force, their own force, and the mass's speed
+    by_sliding, by_force = way * v * force / (sliding * sliding), -way * v / sliding
+    by_speed = 1.0 - way * force / sliding + by_sliding * slope * way
+    j[BENT1 + mass, BENT1 + mass], j[BENT1 + mass, V1 + mass] = stiff * by_force, stiff * by_speed
+    j[V1 + mass, BENT1 + mass] = -(1.0 + damping * by_force) / m[M1 + mass]
+    j[V1 + mass, V1 + mass] -= damping * by_speed / m[M1 + mass]
     lin[BY_SLIDING1 + mass] = by_sliding
 
 
@@ -470,10 +472,12 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[GRIP1, BY_V1], by[GRIP2, BY_V2] = -d[SLIDE1], -d[SLIDE1 + 1]
     by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -z[U], -z[UD]
     by[AIR_STIFFNESS, BY_Q], by[AIR_RATE, BY_Q] = z[V1], -z[Q]
-    by[SLIDING1, BY_BENT1], by[SLIDING2, BY_BENT2] = lin[BY_SLIDING1], lin[BY_SLIDING2]
-    # they stand on the same rate
-    by[BRISTLES1, BY_BENT1] = dz[BENT1] / m[BRISTLES1] if m[BRISTLES1] > 0.0 else z[V1]
-    by[BRISTLES2, BY_BENT2] = dz[BENT2] / m[BRISTLES2] if m[BRISTLES2] > 0.0 else z[V2]
+    for mass in range(2):
+        stiff = m[BRISTLES1 + mass]
+        giving = dz[BENT1 + mass] / stiff if stiff > 0.0 else z[V1 + mass]
+        by[BRISTLES1 + mass, BY_BENT1 + mass], by[BRISTLE_DAMPING1 + mass, BY_V1 + mass] = giving, -giving
+        by[SLIDING1 + mass, BY_BENT1 + mass] = stiff * lin[BY_SLIDING1 + mass]
+        by[SLIDING1 + mass, BY_V1 + mass] = -m[BRISTLE_DAMPING1 + mass] * lin[BY_SLIDING1 + mass]
 
 
 @njit(**INNER)
@@ -495,7 +499,9 @@ def by_law(
     elif place <= DAMPER:
         own[BY_V1], own[BY_V2] = -value, value
     elif is_of_bristles(m, place):
-        own[BY_BENT1 + place - GUIDE] = value * lin[BY_SLIDING1 + place - GUIDE]
+        mass = place - GUIDE
+        more = value * lin[BY_SLIDING1 + mass]
+        own[BY_BENT1 + mass], own[BY_V1 + mass] = m[BRISTLES1 + mass] * more, -m[BRISTLE_DAMPING1 + mass] * more
     elif place == GUIDE:
         own[BY_V1] = -value
     elif place <= DRIVE:

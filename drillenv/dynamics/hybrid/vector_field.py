@@ -106,8 +106,10 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     BRISTLES2,
     SLIDING1,
     SLIDING2,
+    BRISTLE_DAMPING1,
+    BRISTLE_DAMPING2,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
-LONGEST = SLIDING2 + 1
+LONGEST = BRISTLE_DAMPING2 + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
 # scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
@@ -513,12 +515,13 @@ def bend(m: np.ndarray, d: np.ndarray, mass: int, z: np.ndarray, dz: np.ndarray)
     """Add the force of bristles on a mass, and how it changes (P. R. Dahl, The Aerospace Corporation, TOR-0158, 1968).
 
     With a sliding force that goes with the speed it is the model of C. Canudas de Wit and others, IEEE Transactions on
-    Automatic Control 40 (1995) 419-425, without damping of the bristles.
+    Automatic Control 40 (1995) 419-425.
     """
     apart()
     v, force = z[V1 + mass], z[BENT1 + mass]
-    sliding = sliding_force(m, d, mass, v)
-    dz[BENT1 + mass] = m[BRISTLES1 + mass] * (v - d[SLIDE1 + mass] * v * force / sliding)
+    giving = v - d[SLIDE1 + mass] * v * force / sliding_force(m, d, mass, v)
+    dz[BENT1 + mass] = m[BRISTLES1 + mass] * giving
+    force += m[BRISTLE_DAMPING1 + mass] * giving
     dz[V1 + mass] -= force / m[M1 + mass]
     dz[int(m[TALLY]) + BY_EFFECTS + int(m[BY_BRISTLES1 + mass])] -= force * v
 

@@ -6,7 +6,9 @@ integration is taken again up to it, corrected by Newton's rule: SciPy's own roo
 """
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import quad, solve_ivp
@@ -141,6 +143,15 @@ def inside(way_of, guard, way, begin, end, before, now):
     return None if top is None else brentq(value, begin, top)
 
 
+class Bristles(NamedTuple):
+    """Friction of a mass that gives, after Canudas de Wit and others: stiffness in N/m, sliding force in N over the
+    speed, damping in N s/m."""
+
+    stiffness: float
+    sliding: Callable
+    damping: float
+
+
 class Peer:
     """One rig on one rock at one setting. Its elements may be replaced before :meth:`run`."""
 
@@ -212,7 +223,10 @@ class Peer:
             one -= self.guide(z[V1])
         if self.indenter is not None:
             two -= self.indenter(z[V2])
-        held = [0.0 if each is None else each[0] * bend for each, bend in zip(self.bristles, z[BEND1:], strict=True)]
+        held = [
+            0.0 if each is None else each.stiffness * z[BEND1 + mass] + each.damping * self.bending(mass, z)
+            for mass, each in enumerate(self.bristles)
+        ]
         return one - held[0], two - held[1], rock
 
     def flow(self, t, state):
@@ -237,9 +251,8 @@ class Peer:
         """How fast bristles bend, in m/s."""
         if self.bristles[mass] is None:
             return 0.0
-        stiffness, sliding = self.bristles[mass]
-        v, bend = z[V1 + mass], z[BEND1 + mass]
-        return v - abs(v) * stiffness * bend / sliding(v)
+        own, v, bend = self.bristles[mass], z[V1 + mass], z[BEND1 + mass]
+        return v - abs(v) * own.stiffness * bend / own.sliding(v)
 
     # --- Events
 

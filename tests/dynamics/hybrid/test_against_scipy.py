@@ -19,7 +19,18 @@ from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.env.hybrid_plant import RTOL
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
-from tests.dynamics.hybrid.peer import LOADING, UNLOADING, Bent, Peer, Straight, Tangent, Wave, clipped, measured
+from tests.dynamics.hybrid.peer import (
+    LOADING,
+    UNLOADING,
+    Bent,
+    Bristles,
+    Peer,
+    Straight,
+    Tangent,
+    Wave,
+    clipped,
+    measured,
+)
 
 PERIODS, PARTS = 20, 4
 AT_60, AT_95, AT_110 = (Setting(60.0, 0.45, 1.0), 4), (Setting(95.0, 0.5, 1.3), 2), (Setting(110.0, 0.4, 1.7), 6)
@@ -108,18 +119,18 @@ def stribeck(fc, rs, vr):
     return lambda v: fc * (1.0 + rs * math.exp(-((v / vr) ** 2)))
 
 
-def guide_friction(peer, fc1, vs1=0.0, ds1=0.0, rs1=0.0, vr1=1e-3):
+def guide_friction(peer, fc1, vs1=0.0, ds1=0.0, sd1=0.0, rs1=0.0, vr1=1e-3):
     if ds1 > 0.0:
-        peer.bristles[0] = (fc1 / ds1, stribeck(fc1, rs1, vr1))
+        peer.bristles[0] = Bristles(fc1 / ds1, stribeck(fc1, rs1, vr1), sd1)
     elif vs1 == 0.0:
         peer.grips = (fc1, 0.0)
     else:
         peer.guide = lambda v: stribeck(fc1, rs1, vr1)(v) * math.tanh(v / vs1)
 
 
-def indenter_friction(peer, fc2, vs2=0.0, ds2=0.0, rs2=0.0, vr2=0.05):
+def indenter_friction(peer, fc2, vs2=0.0, ds2=0.0, sd2=0.0, rs2=0.0, vr2=0.05):
     if ds2 > 0.0:
-        peer.bristles[1] = (fc2 / ds2, stribeck(fc2, rs2, vr2))
+        peer.bristles[1] = Bristles(fc2 / ds2, stribeck(fc2, rs2, vr2), sd2)
     elif vs2 == 0.0:
         peer.grips = (0.0, fc2)
     else:
@@ -163,7 +174,7 @@ EQUATIONS = [
     Case("guide-friction", {"fc1": 40.0, "ds1": 5e-7}, guide_friction, AT_95, "guide-friction-dahl"),
     Case(
         "guide-friction",
-        {"fc1": 40.0, "ds1": 1e-6, "rs1": 0.4, "vr1": 1e-3},
+        {"fc1": 40.0, "ds1": 1e-6, "sd1": 7e3, "rs1": 0.4, "vr1": 1e-3},
         guide_friction,
         name="guide-friction-lugre",
     ),
@@ -178,7 +189,7 @@ EQUATIONS = [
     Case("indenter-friction", {"fc2": 40.0, "ds2": 1e-5}, indenter_friction, AT_110, "indenter-friction-dahl"),
     Case(
         "indenter-friction",
-        {"fc2": 40.0, "ds2": 8e-6, "rs2": 0.5, "vr2": 0.05},
+        {"fc2": 40.0, "ds2": 8e-6, "sd2": 200.0, "rs2": 0.5, "vr2": 0.05},
         indenter_friction,
         AT_95,
         "indenter-friction-lugre",

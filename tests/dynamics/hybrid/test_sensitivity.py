@@ -17,6 +17,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     AIR_STIFFNESS,
     BENT1,
     BENT2,
+    BRISTLE_DAMPING1,
+    BRISTLE_DAMPING2,
     BRISTLES1,
     BRISTLES2,
     COEFFICIENTS,
@@ -66,8 +68,11 @@ MORE = {
     "clipped spring": ("force-limit", {"F_s": 190.0}),
     "rounded guide": ("guide-friction", {"fc1": 30.0, "vs1": 3e-3}),
     "rounded indenter": ("indenter-friction", {"fc2": 30.0, "vs2": 5e-2}),
-    "bristles of the guide": ("guide-friction", {"fc1": 40.0, "ds1": 1e-6, "rs1": 0.4, "vr1": 1e-3}),
-    "bristles of the indenter": ("indenter-friction", {"fc2": 40.0, "ds2": 1e-5, "rs2": 0.4, "vr2": 0.05}),
+    "bristles of the guide": ("guide-friction", {"fc1": 40.0, "ds1": 1e-6, "sd1": 7e3, "rs1": 0.4, "vr1": 1e-3}),
+    "bristles of the indenter": (
+        "indenter-friction",
+        {"fc2": 40.0, "ds2": 1e-5, "sd2": 150.0, "rs2": 0.4, "vr2": 0.05},
+    ),
     "a force that pulls": ("tabulated-rate-force", {"x": [-1.0, 1.0], "y": [-400.0, 400.0]}),
     "a tangent": ("tabulated-loading", {"x": [0.0, 300.0, 800.0, 2000.0], "y": [0.4, 0.8, 1.0, 1.1]}),
 }
@@ -182,7 +187,7 @@ def test_tangent_of_the_return_map(name):
 
 SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_RATE, DRIVE_LAG,
            ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2, SLIDING1,
-           SLIDING2]  # fmt: skip
+           SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2]  # fmt: skip
 """By which a column may be."""
 
 

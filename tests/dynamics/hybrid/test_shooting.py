@@ -45,7 +45,10 @@ EFFECTS = {
         make("air-spring", k_a=5e4, tau=0.2),
     ),
     "grip": (make("guide-friction", fc1=40.0, vs1=0.0), make("stiffness-hardening", k3=5e9)),
-    "bristles": (make("guide-friction", fc1=40.0, ds1=1e-6), make("indenter-friction", fc2=40.0, ds2=1e-5, rs2=0.4)),
+    "bristles": (
+        make("guide-friction", fc1=40.0, ds1=1e-6),
+        make("indenter-friction", fc2=40.0, ds2=1e-5, sd2=150.0, rs2=0.4),
+    ),
     "waves": (
         make("external-vibration", F1=100.0, F2=3.0, f=33.0, psi=0.4),
         make("rock-rotation", eps=0.15, Omega=10.0, psi=0.2),
