@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.laws import Curve, Equation, Family
@@ -40,7 +41,9 @@ from drillenv.dynamics.hybrid import vector_field as V
 POINTS = 61
 BAND = 1.96
 LOW_END = 5
-"""Part of a spring's range, inverted, from which it is taken to go on straight to where it has no force."""
+"""Part of the range of a law beyond rest, inverted, at whose low end it is taken to be none."""
+LEAST_LEAD, POWERS = 1e-3, (1.5, 9.0)
+"""Share of a spring's range by which that begins beyond where it has no force, at least, and what powers laws have."""
 BINS, FEW = 40, 8
 """Of partial residuals, and samples in one at least."""
 MOST_ORDERS, OFF_ORDER = 5, 0.5
@@ -148,21 +151,28 @@ def _plain(
 
 
 def unloaded(model: Model, axes: Axes, ends: tuple[float, float]) -> float:
-    """Shortening (m) at which the coupling's spring has no force: where its force, straight from its low end, is none.
+    """Shortening (m) at which the coupling's spring has no force.
 
-    Recordings tell a spring's force by how its shortening changes, and not from where that is counted.
+    Recordings tell a spring's force by how its shortening changes, and not from where that is counted. A spring that
+    is never unloaded is taken to leave its stiffness by a power of the shortening, as the force over its range has it.
     """
     x = np.linspace(*ends, POINTS)
-    force = model.s[V.K] * x + _at(model, axes, SPRING, x)
+    stiffness = float(model.s[V.K])
+    force = stiffness * x + _at(model, axes, SPRING, x)
     turns = np.flatnonzero(force[1:] * force[:-1] <= 0.0)
-    inside = slice(turns[0], turns[0] + 2) if turns.size else slice(0, POINTS // LOW_END)
-    slope, level = np.polyfit(x[inside], force[inside], 1)
-    if not turns.size:
-        # what a law is at 0 with its slope, and goes with the cube from there, is three times less than its slope says
-        at = float(x[inside].mean())
-        secant = model.s[V.K] + (slope - model.s[V.K]) / 3.0
-        return at - (level + slope * at) / secant if secant > 0.0 else 0.0
-    return float(-level / slope) if slope > 0.0 else 0.0
+    if turns.size:
+        slope, level = np.polyfit(x[turns[0] : turns[0] + 2], force[turns[0] : turns[0] + 2], 1)
+        return float(-level / slope) if slope > 0.0 else 0.0
+    reach = float(np.ptp(x))
+
+    def left(p: Floats) -> Floats:
+        beyond = x - x[0] + p[0] * reach
+        power, law = (beyond / beyond[-1]) ** p[1], force - stiffness * beyond
+        return law - power * (power @ law) / (power @ power)
+
+    first = max(float(force[0]) / (stiffness * reach), LEAST_LEAD)
+    found = least_squares(left, (first, 3.0), bounds=((LEAST_LEAD, POWERS[0]), (np.inf, POWERS[1])))
+    return float(x[0] - found.x[0] * reach)
 
 
 def _spring(

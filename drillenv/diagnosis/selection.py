@@ -309,6 +309,8 @@ class Step:
     """Cost of the family's own fit at that step."""
     pending: bool = False
     """Whether the equations have not been tried yet."""
+    beside: int = 0
+    """Families that were there, itself included, when the equations were tried."""
     detail: int = 1
     """The resolution of its law that was tried last while the model was not close."""
 
@@ -387,6 +389,9 @@ def forward(
         if step is None and (finer := with_finer_law(data, fitted, steps, pool, say)) is not None:
             fitted = finer
             continue
+        if step is None and (other := with_equations(data, fitted, steps, pool, say)) is not None:
+            fitted = other
+            continue
         if step is None and earlier is None and (other := exchanged(data, fitted, steps, pool, say)) is not None:
             fitted = other
             continue
@@ -396,9 +401,30 @@ def forward(
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
         if corrected is None:
             steps.append(step)
+            step.beside = len(steps)
         else:
             corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
         fitted = step.after
+
+
+def with_equations(data: Sequence[Any], fitted: Fitted, steps: list[Step], pool: Executor, say: Say) -> Fitted | None:
+    """The fit with an equation in the place of a measured law, now that what was missing beside it is there; or None.
+
+    Equations are not as supple as free laws: beside another mechanism that is missing even the true one does worse.
+    """
+    for i, step in enumerate(steps):
+        names = {each.name for each in step.family.terms}
+        measured = step.named.equation is None and names == {each.name for each in step.terms}
+        if not measured or step.family.constant or step.beside == len(steps):
+            continue
+        step.beside = len(steps)
+        as_it_is = tuple(each for each in fitted.structure.terms if each.name in names)
+        named, other = name_law(data, fitted, replace(step.family, terms=as_it_is), step.gain, pool, say)
+        if named.equation is not None:
+            say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.per_freedom:.4f}")
+            steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
+            return other
+    return None
 
 
 def still_possible(
