@@ -37,7 +37,7 @@ SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(12,
 DETAILS = (2, 4)
 """Resolutions of a free law that are tried."""
 PROMISED = 0.5
-"""Share of the best score test's gain that short fits have to reach, or else its windows are freed."""
+"""Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
 
 
 class Score(NamedTuple):
@@ -621,8 +621,8 @@ def refine_candidates(
     if not fits:
         return fits
     first, found = fits[0]
-    least = fitted.cost - min(other.cost for _, other in fits)
-    if fitted.weight == JOINED and not first.family.has_states and least < PROMISED * first.gain:
+    short = fitted.cost - found.cost < PROMISED * first.gain
+    if fitted.weight == JOINED and not first.family.has_states and short:
         again = with_windows_freed(fitted, first.family, data, pool)
         if again.weight == JOINED and again.cost < found.cost:
             say(f"  {first.family.name}, windows free at first: gain {fitted.cost - again.cost:.1f}")

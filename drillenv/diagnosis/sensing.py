@@ -276,10 +276,15 @@ class OwnDelays(Sensor):
 
 @dataclass(frozen=True)
 class Added(Sensor):
-    """A sine and a cosine of each order of a frequency in Hz, or a constant; by recording, channel, order."""
+    """A sine and a cosine of each order of a frequency in Hz, or a constant and its drift.
+
+    By recording, channel, and order.
+    """
 
     frequency: float = 0.0
     orders: tuple[int, ...] = ()
+    drifts: bool = False
+    """Whether a constant has a drift, in what that is more at the end of a recording than at its beginning."""
     names: tuple[str, ...] = ()
     """Recordings with values of their own; without any, all have the same."""
 
@@ -288,16 +293,23 @@ class Added(Sensor):
         if self.names and point.name not in self.names:
             return None
         sizes = self.waves(values)[self.names.index(point.name) if self.names else 0]
+        if not self.orders:
+            return sizes @ np.stack([np.ones(n), np.linspace(-0.5, 0.5, n)])[: sizes.shape[1]]
         return sizes @ _waves(self.frequency_of(values) / point.rate, self.orders, n)
 
+    @property
+    def count(self) -> int:
+        """Waves of a channel."""
+        return 2 * len(self.orders) or 1 + self.drifts
+
     def waves(self, values: Floats) -> Floats:
-        """(recordings, 2, waves) sizes by recording, channel, and sine and cosine of each order, or constants."""
-        places, waves = max(1, len(self.names)), max(1, 2 * len(self.orders))
-        return values[-2 * places * waves :].reshape(places, 2, waves)
+        """(recordings, 2, count) sizes by recording, channel, and sine and cosine of each order, or constant, drift."""
+        places = max(1, len(self.names))
+        return values[-2 * places * self.count :].reshape(places, 2, self.count)
 
     def frequency_of(self, values: Floats) -> float:
         """In Hz: the first parameter where there is one more than sizes."""
-        sizes = 2 * max(1, len(self.names)) * max(1, 2 * len(self.orders))
+        sizes = 2 * max(1, len(self.names)) * self.count
         return float(values[0]) if len(values) > sizes else self.frequency
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
@@ -317,17 +329,17 @@ class Added(Sensor):
             if self.orders:
                 size, std = mean_amplitude(sizes[:, i, :2], spreads[:, i, :2])
             else:
-                size, count = float(sizes[:, i].mean()), len(self.names)
-                std = float(sizes[:, i].std(ddof=1)) / math.sqrt(count) if count > 1 else 0.0
+                size, count = float(sizes[:, i, 0].mean()), len(self.names)
+                std = float(sizes[:, i, 0].std(ddof=1)) / math.sqrt(count) if count > 1 else 0.0
             found[f"{'b' if self.orders else 'o'}_{channel}"] = {"value": size, "std": std, "unit": unit}
         return found
 
 
 @lru_cache(256)
 def _waves(frequency: float, orders: tuple[int, ...], n: int) -> Floats:
-    """(2 orders, n) sine and cosine of each order of a frequency in cycles per sample, or (1, n) ones without any."""
+    """(2 orders, n) sine and cosine of each order of a frequency in cycles per sample."""
     turned = TWO_PI * frequency * np.arange(n)
-    return np.array([wave(order * turned) for order in orders for wave in (np.sin, np.cos)] or [np.ones(n)])
+    return np.array([wave(order * turned) for order in orders for wave in (np.sin, np.cos)])
 
 
 def _free(names: Sequence[str], width: float, unit: str = "1") -> tuple[Unknown, ...]:
@@ -356,16 +368,19 @@ def free_response(rings: Sequence[float]) -> Law:
     return Law(ACCELEROMETER, own, 1, law=partial(_response, tuple(rings)))
 
 
-def added(names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown) -> Added:
+def added(
+    names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown, drifts: bool = False
+) -> Added:
     """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz."""
     # terms of a model are told apart by name, and a free law may correct the library's equation
     what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
+    what += " that drifts" if drifts else ""
     effect = mechanism_of_law("hum") if first else ""
-    waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
+    waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or ["", " drift"][: 1 + drifts]
     for name in names:
         for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
             first += _free([f"{what}{wave} {channel} {name}" for wave in waves], width, unit)
-    return Added(what, first, stage, (), effect, frequency, tuple(orders), tuple(names))
+    return Added(what, first, stage, (), effect, frequency, tuple(orders), drifts, tuple(names))
 
 
 def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
@@ -405,6 +420,7 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia)),
         ("offset", "", added(names)),
+        ("offset", " that drifts", added(names, drifts=True)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
         ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *charges), 3, names=tuple(names))),
         ("crosstalk", "", Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
