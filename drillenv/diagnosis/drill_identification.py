@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 
 import numpy as np
@@ -148,17 +148,27 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     bounds = [(each.low, each.high) for each in (*constants.unknowns, *equation.unknowns)]
     low, high = (np.array(each) / width for each in zip(*bounds, strict=True))
     low, high = np.append(low, -FARTHEST_SHIFT), np.append(high, FARTHEST_SHIFT)
+    pairs = product((own, stated), equation.form.starts)
+    begun = [np.append(np.concatenate(each) / width, 0.0) for each in pairs]
+    least, chosen = minima(misfit, begun, low, high)
+    return Rival(equation, [(each[:count], each[count:-1]) for each in chosen], least if curves else 0.0)
+
+
+def minima(
+    misfit: Callable[[Floats], Floats], begun: Sequence[Floats], low: Floats, high: Floats
+) -> tuple[float, list[Floats]]:
+    """The least cost of a misfit within bounds (n,), from several starts (n,), and at most ``STARTS`` minima."""
     made = []
-    for begun, start in product((own, stated), equation.form.starts):
-        at = np.clip(np.append(np.append(begun, start) / width, 0.0), low, high)
-        result = least_squares(misfit, at, bounds=(low - 1e-12, high + 1e-12), max_nfev=100)
-        made.append((float(result.cost), result.x[:-1]))
+    for start in begun:
+        result = least_squares(misfit, np.clip(start, low, high), bounds=(low - 1e-12, high + 1e-12), max_nfev=100)
+        made.append((float(result.cost), result.x))
     made.sort(key=lambda each: each[0])
     chosen = [made[0][1]]
     for _, values in made[1:]:
-        if len(chosen) < STARTS and all(np.max(np.abs(values - each)) > 0.2 for each in chosen):
+        # the last one is where a law is counted from
+        if len(chosen) < STARTS and all(np.max(np.abs(values - each)[:-1]) > 0.2 for each in chosen):
             chosen.append(values)
-    return Rival(equation, [(each[:count], each[count:]) for each in chosen], made[0][0] if curves else 0.0)
+    return made[0][0], chosen
 
 
 def places_of(family: Family) -> tuple[list[int], list[str]]:

@@ -478,6 +478,10 @@ def estimate_states_of(
     return StateEstimate(block, own, shared)
 
 
+QUARTER = 0.25
+"""Turns of the wave that stands for a drift."""
+
+
 def with_own_waves(there: StateEstimate) -> StateEstimate:
     """The same with amplitudes that are each recording's own fitted to this one, where its model has such."""
     block, own, shared = there
@@ -522,12 +526,16 @@ def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
 
 
 def own_lines(fitted: Fitted) -> list[float]:
-    """Frequencies (Hz) of lines of the model whose amplitudes are each recording's; 0 is an offset."""
+    """Frequencies (Hz) of lines of the model whose amplitudes are each recording's; 0 is an offset.
+
+    A drift is next to straight in a wave that turns by less than a quarter, beside a constant.
+    """
     found: list[float] = []
+    seconds = max(each.data.force.size / each.data.rate for each in fitted.blocks)
     for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
         if isinstance(term, Added) and term.names:
             frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
-            found += [float(order * frequency) for order in term.orders] or [0.0]
+            found += [float(order * frequency) for order in term.orders] or [0.0, QUARTER / seconds][: term.count]
     return found
 
 
