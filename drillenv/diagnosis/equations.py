@@ -13,7 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from drillenv.diagnosis.solver import Floats
-from drillenv.dynamics.constitutive.places import CODE, GUIDE, INDENTER, PLACES, UNLOADING, Shape, shape_of
+from drillenv.dynamics.constitutive.places import (
+    CODE,
+    GUIDE,
+    INDENTER,
+    PLACES,
+    STATE_SCALARS,
+    UNLOADING,
+    Shape,
+    shape_of,
+)
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
 
@@ -110,7 +119,6 @@ def acts_at(effect: str, form: Form) -> tuple[frozenset[int], frozenset[str]]:
     return frozenset(places), frozenset(name for name in scalars if name not in OF_FRICTION)
 
 
-@functools.cache
-def has_bristles(effect: str, form: Form) -> bool:
-    """Whether an equation is of dry friction that gives before it slides, and so has a state."""
-    return not BRISTLES.keys().isdisjoint(scalars_of(effect, parameters_of(effect, form, form.starts[0])))
+def has_states(effect: str, p: tuple[float, ...]) -> bool:
+    """Whether an effect with these parameters gives the model states of its own."""
+    return not STATE_SCALARS.isdisjoint(scalars_of(effect, p))

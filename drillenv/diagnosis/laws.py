@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from drillenv.diagnosis.equations import acts_at, grips_of, has_bristles, parameters_of, scalars_of
+from drillenv.diagnosis.equations import GRIPS, acts_at, grips_of, has_states, parameters_of, scalars_of
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes, interpolate
 from drillenv.diagnosis.terms import DRIVE_PHASE, Law, Model, ModelStructure, OperatingPoint, Term, Unknown
@@ -44,22 +44,20 @@ LEAST = 1e-9
 LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
 NUMBERS = {
-    "mount_gain": V.MOUNT_GAIN,
-    "mount_square": V.MOUNT_SQUARE,
-    "mount_damping": V.MOUNT_DAMPING,
-    "air_stiffness": V.AIR_STIFFNESS,
-    "air_rate": V.AIR_RATE,
-    "shaker_bristles": V.BRISTLES1,
-    "indenter_bristles": V.BRISTLES2,
-    "shaker_bristle_damping": V.BRISTLE_DAMPING1,
-    "indenter_bristle_damping": V.BRISTLE_DAMPING2,
+    name: V.SCALAR_AT[name]
+    for name in (
+        "mount_gain",
+        "mount_square",
+        "mount_damping",
+        "air_stiffness",
+        "air_rate",
+        "shaker_bristles",
+        "indenter_bristles",
+        "shaker_bristle_damping",
+        "indenter_bristle_damping",
+    )
 }
-GRIPS = {
-    "shaker_grip": V.GRIP1,
-    "indenter_grip": V.GRIP2,
-    "shaker_sliding": V.SLIDING1,
-    "indenter_sliding": V.SLIDING2,
-}
+"""Places of the numbers that equations set and no curve shows, by their names."""
 NOTHING = 1e-5
 """Share of how far from neutral a parameter begins, within which it is neutral: a play of nanometres is no curve."""
 LEAST_FRICTION = 1e-3
@@ -172,9 +170,9 @@ class Equation(Term):
                 s[V.F_A] /= math.hypot(1.0, value * point.frequency)
             elif name in NUMBERS:
                 s[NUMBERS[name]] += value
-        for name, at in GRIPS.items():
+        for name in GRIPS:
             if name in numbers or name in grips_of(self.effect, self.form):
-                s[at] += max(numbers.get(name, 0.0), LEAST_GRIP)
+                s[V.SCALAR_AT[name]] += max(numbers.get(name, 0.0), LEAST_GRIP)
 
     def parameters(self, values: Floats) -> tuple[float, ...]:
         """All of the effect's, by their order; neutral where the form has them not, or they are next to nothing."""
@@ -203,8 +201,8 @@ def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
             own, made = acts_at(name, form)
             if (own and not made and own <= set(places)) or (made and not own and made <= set(numbers)):
                 unknowns = tuple(_unknown(effect.parameter(symbol), form, i) for i, symbol in enumerate(form.symbols))
-                has_states = (bool(made) and DRIVE_LAG not in made) or has_bristles(name, form)
-                found.append(Equation(f"{name}: {form.name}", unknowns, name, form, has_states))
+                states = has_states(name, parameters_of(name, form, form.starts[0]))
+                found.append(Equation(f"{name}: {form.name}", unknowns, name, form, states))
     return found
 
 

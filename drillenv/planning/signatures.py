@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drillenv.diagnosis.equations import BRISTLES, Around, acts_at, curve_at, scalars_of
+from drillenv.diagnosis.equations import Around, acts_at, curve_at, has_states, scalars_of
 from drillenv.diagnosis.laws import DRIVE_LAG, NUMBERS, Curve, Equation
 from drillenv.diagnosis.sinusoids import INDENTER, SHAKER, STIFFNESS
 from drillenv.diagnosis.sinusoids import Channel as Wave
@@ -31,8 +31,6 @@ DRAWS = 3
 """Sets of typical parameters of an effect: the middles of their ranges, and others drawn at random."""
 FACTORS = ("mount_gain", "air_stiffness")
 """Numbers that a strength multiplies; others of the same effect are as they are, such as a natural frequency."""
-REMEMBERED = ("mount_gain", "air_rate")
-"""Numbers of what has states of its own: one set of them is in a model at a time."""
 USUAL_FREQUENCY = 85.0
 """Hz, at which a drive that lags is weighed."""
 SEEN = 0.02
@@ -150,8 +148,8 @@ def signatures(effect: Effect, axes: Axes, around: Around, rng: np.random.Genera
     """
     middle = typical_middle(effect)
     drawn = [tuple(float(rng.uniform(*each.typical)) for each in effect.parameters) for _ in range(DRAWS - 1)]
-    numbers = scalars_of(effect.name, middle)
-    if any(name in numbers for name in REMEMBERED):
+    if has_states(effect.name, middle):
+        # one set of states is in a model at a time
         drawn = []
     made = [Signature(effect.name, p, _terms(effect, p, axes, around, i)) for i, p in enumerate((middle, *drawn))]
     return [each for each in made if each.terms]
@@ -171,8 +169,7 @@ def _terms(effect: Effect, p: tuple[float, ...], axes: Axes, around: Around, i: 
         terms.append(Curve(f"{name} at {place}", strength(str(place)), place, curve[None]))
     numbers = tuple(scalars_of(effect.name, p).items())
     if any(each in NUMBERS or each == DRIVE_LAG for each, _ in numbers) or waves_of(dict(numbers)):
-        has_states = any(each in REMEMBERED for each, _ in numbers)
-        terms.append(Amount(f"{name} numbers", strength("numbers"), numbers, has_states))
+        terms.append(Amount(f"{name} numbers", strength("numbers"), numbers, has_states(effect.name, p)))
     return tuple(terms)
 
 
@@ -209,8 +206,8 @@ class Stated(Equation):
 def stated_term(chosen: Chosen) -> Stated:
     """An effect of a model that follows an equation."""
     effect, p = chosen.effect, chosen.values
-    has_states = any(name in REMEMBERED or name in BRISTLES for name in scalars_of(effect.name, p))
-    return Stated(f"stated {effect.name}", (), effect.name, stated_form(effect, p), has_states, p)
+    states = has_states(effect.name, p)
+    return Stated(f"stated {effect.name}", (), effect.name, stated_form(effect, p), states, p)
 
 
 # --- From a share of the typical strength to parameters

@@ -135,3 +135,5 @@ SCALARS: Mapping[str, str] = {
     "indenter_bristle_damping": "N s/m, the same on the indenter",
 }
 """What an effect may set that is no curve, with its unit; 0 where no effect sets it."""
+STATE_SCALARS = frozenset({"mount_square", "air_rate", "shaker_bristles", "indenter_bristles"})
+"""Those that give a model states of its own where they are set."""

@@ -109,6 +109,8 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     BRISTLE_DAMPING1,
     BRISTLE_DAMPING2,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
+SCALAR_AT = dict(zip(SCALARS, range(OMEGA + 1, OMEGA + 1 + len(SCALARS)), strict=True))
+"""Places of the scalars that effects set, by their names."""
 LONGEST = BRISTLE_DAMPING2 + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what

@@ -1,4 +1,8 @@
-"""Draw the frozen sets anew: ``python -m drillenv.env.scenarios FOLDER``."""
+"""Draw sets anew: ``python -m drillenv.env.scenarios FOLDER``.
+
+Of the frozen ones it gives those of rocks, layers and holes. Hidden rigs are drawn from the library of effects, which
+has grown since those of version 1 were frozen.
+"""
 
 from __future__ import annotations
 
