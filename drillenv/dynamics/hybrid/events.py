@@ -51,6 +51,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     GRIP1,
     LAWS,
     LONGEST,
+    M1,
     MOVING,
     OMEGA,
     ORIGIN,
@@ -543,12 +544,16 @@ def settle_grips(m: np.ndarray, d: np.ndarray, z: np.ndarray, stopped: int, scra
 
 @njit(**INNER)
 def turn_bristles(m: np.ndarray, d: np.ndarray, z: np.ndarray, mass: int, scratch: np.ndarray) -> None:
-    """Let bristles be bent the way in which a mass now begins to move, whose speed is zero."""
+    """Let bristles be bent the way in which a mass now begins to move, whose speed is zero.
+
+    Where its acceleration is no more than rounding they are bent the other way: if that is wrong, they turn once more.
+    """
     apart()
     z[V1 + mass] = 0.0
     rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
-    way = sign_of(scratch[BEGIN_SLOPE, V1 + mass])
-    d[SLIDE1 + mass] = way if way != 0.0 else -d[SLIDE1 + mass]
+    acceleration = scratch[BEGIN_SLOPE, V1 + mass]
+    rounding = AT_REST * (m[F_A] + m[F_B]) / m[M1 + mass]
+    d[SLIDE1 + mass] = sign_of(acceleration) if abs(acceleration) > rounding else -d[SLIDE1 + mass]
 
 
 @njit(**MERGED)

@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from drillenv.dynamics.effects import LIBRARY, drawn
+from drillenv.dynamics.effects import LIBRARY, drawn, make
 from drillenv.dynamics.hybrid.run import run_hybrid
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
@@ -24,8 +24,22 @@ def case(rng):
     pressure = 1.8 if rng.random() < 0.5 else rng.uniform(0.5, 2.0)
     setting = Setting(rng.uniform(45.0, 130.0), rng.uniform(0.25, 0.65), pressure)
     names = rng.choice(MOVING, int(rng.integers(0, 4)), replace=False)
-    effects = tuple(drawn(str(name), rng) for name in names)
+    effects = tuple((drawn if rng.random() < 0.5 else by_a_form)(str(name), rng) for name in names)
     return setting, ROCKS[int(rng.integers(1, 7))].drawn(rng), float(rng.uniform(0.0, 6.28)), effects
+
+
+def by_a_form(name, rng):
+    """An effect by one of the equations that a diagnosis tries, such as friction that gives, at up to twice a start."""
+    effect = LIBRARY[name]
+    if not effect.forms:
+        return drawn(name, rng)
+    form = effect.forms[int(rng.integers(len(effect.forms)))]
+    start = form.starts[int(rng.integers(len(form.starts)))]
+    bounds = [effect.parameter(symbol) for symbol in form.symbols]
+    values = [
+        float(np.clip(value * rng.uniform(0.5, 2.0), p.low, p.high)) for value, p in zip(start, bounds, strict=True)
+    ]
+    return make(name, **dict(zip(form.symbols, values, strict=True)))
 
 
 def check(run, effects):
