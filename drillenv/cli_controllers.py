@@ -36,6 +36,7 @@ NO_USE: dict[str, tuple[str, ...]] = {
     "td3": (*ANNEALED, *ON_POLICY, "ahead", "lstm"),
 }
 """Numbers of a recipe that an algorithm has no use for; of ppo where rigs are as they are."""
+NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "ahead", "lstm", "stack", "activation")
 
 
 @contextmanager
@@ -195,6 +196,8 @@ def _train_options(parser: Parser) -> None:
     from drillenv.training.recipe import (
         ALGORITHMS,
         CHECKPOINT_SECONDS,
+        HOLE,
+        HOLE_TIMESTEPS,
         OTHERWISE,
         TIMESTEPS,
         USUAL,
@@ -204,21 +207,23 @@ def _train_options(parser: Parser) -> None:
 
     said = "; ".join(f"{name}: {meaning}" for name, meaning in ALGORITHMS.items())
     parser.epilog = (
-        f"Algorithms: {said}. Defaults are those of ppo-vine; those of the others are given where they differ."
+        f"Algorithms: {said}. Defaults are those of ppo-vine; those of the others are given where they differ. "
+        "DrillBit is learned by ppo, with the numbers given for it."
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the run")
     note = "go on with the run in --out; other options may be left out"
     parser.add_argument("--resume", action="store_true", help=note)
-    others = ", ".join(f"{name} {steps}" for name, steps in TIMESTEPS.items())
+    others = ", ".join(f"{name} {steps}" for name, steps in {**TIMESTEPS, "DrillBit": HOLE_TIMESTEPS}.items())
     note = f"steps in all, all rigs together (default {USUAL_TIMESTEPS}; {others})"
     parser.add_argument("--timesteps", type=whole_number, metavar="N", help=note)
     parser.add_argument("--threads", type=whole_number, metavar="N", help="threads of the rigs (default all cores)")
     note = f"time between checkpoints (default {CHECKPOINT_SECONDS:g})"
     parser.add_argument("--checkpoint-seconds", type=plain_number, default=CHECKPOINT_SECONDS, metavar="S", help=note)
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    otherwise = {**OTHERWISE, "DrillBit": {name: value for name, value in HOLE.items() if value != USUAL[name]}}
     for each in fields(Recipe):
         default = USUAL.get(each.name, each.default)
-        others = {name: changed[each.name] for name, changed in OTHERWISE.items() if each.name in changed}
+        others = {name: numbers[each.name] for name, numbers in otherwise.items() if each.name in numbers}
         _add_number(parser, each.name, default, others, each.metadata["help"])
 
 
@@ -265,7 +270,7 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         InputError: a value is not what it should be, or has no use with the algorithm.
     """
     from drillenv.training.export import CONFIG, read_config
-    from drillenv.training.recipe import TIMESTEPS, USUAL_TIMESTEPS, Recipe, read_recipe
+    from drillenv.training.recipe import Recipe, read_recipe
 
     chosen = {each.name: value for each in fields(Recipe) if (value := getattr(given, each.name)) is not None}
     own = set(chosen)
@@ -275,12 +280,14 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         chosen = there.as_record() | chosen
         timesteps = steps if timesteps is None else timesteps
     recipe = read_recipe(chosen)
-    for name in () if recipe.prepared and recipe.algo == "ppo" else NO_USE[recipe.algo]:
+    useless = () if recipe.prepared and recipe.algo == "ppo" else NO_USE[recipe.algo]
+    for name in NO_USE_IN_HOLES if recipe.hole else useless:
         if name in own and chosen[name]:
-            raise InputError(f"--{name.replace('_', '-')} has no use with {recipe.algo}: leave it out")
+            partner = recipe.env if recipe.hole else recipe.algo
+            raise InputError(f"--{name.replace('_', '-')} has no use with {partner}: leave it out")
     return {
         "recipe": recipe,
-        "timesteps": TIMESTEPS.get(recipe.algo, USUAL_TIMESTEPS) if timesteps is None else timesteps,
+        "timesteps": recipe.timesteps if timesteps is None else timesteps,
         "out": given.out,
         "resume": given.resume,
         "threads": given.threads,
@@ -303,7 +310,8 @@ def _train(given: argparse.Namespace) -> None:
     print(f"{result['steps']} steps, {result['steps_a_second']:.0f} a second")
     if result["best_score"] is not None:
         out = shlex.quote(str(wanted["out"]))
-        print(f"best evaluation: {result['best_score']:.4f} mm/s after {result['best_steps']} steps, in {out}/best")
+        unit = wanted["recipe"].unit
+        print(f"best evaluation: {result['best_score']:.4f} {unit} after {result['best_steps']} steps, in {out}/best")
 
 
 # --- export and film
@@ -311,9 +319,8 @@ def _train(given: argparse.Namespace) -> None:
 
 def _export(given: argparse.Namespace) -> None:
     with needs("train"):
-        from drillenv.controllers.policies import write_policy
         from drillenv.controllers.policies.stable_baselines import read_model
-        from drillenv.training.export import exported
+        from drillenv.training.export import exported, write
 
         if (given.folder is None) == (given.model is None):
             raise InputError("the source is missing, or there are two: give one of --run and --model")
@@ -324,7 +331,7 @@ def _export(given: argparse.Namespace) -> None:
         else:
             _check_left_out(given, "env", "--model")
             policy = exported(Path(given.folder), given.which or "best")
-    write_policy(given.out, policy)
+    write(given.out, policy)
 
 
 def _check_left_out(given: argparse.Namespace, name: str, partner: str) -> None:

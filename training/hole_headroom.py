@@ -166,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=60, help="the first so many (default 60)")
     parser.add_argument("--json", type=Path, required=True, help="the record, which is gone on with where it exists")
     parser.add_argument("--table", type=Path, help="write the table into its place in this page")
-    note = "folders of policies of drillenv.training.hole_ppo, by seed"
+    note = "folders of policies that drillenv train made on DrillBit, by seed"
     parser.add_argument("--policies", nargs="+", default=[], metavar="DIR", help=note)
     parser.add_argument("--myopic", nargs="+", default=[], metavar="DIR", help="the same with a gamma of 0")
     try:
