@@ -69,6 +69,7 @@ def test_the_seed_draws_them_and_every_episode_has_its_own(identity):
         for seed in (3, None, None):
             env.reset(seed=seed)
             rigs.append(rig(env))
+            assert not any(env.unwrapped._batch.hybrid)  # type: ignore[attr-defined]
         made.append(rigs)
     assert np.array_equal(*made)
     assert len({each.tobytes() for each in made[0]}) == 3

@@ -173,9 +173,10 @@ def test_the_table_of_a_record():
         for name, c in (("oracle", 1.0), ("rules", 2.0))
     }
     record = {"rows": rows}
-    found = hole_headroom.shares(record)
-    assert found["oracle"] == pytest.approx([1.0, 1.0, 1.0])
-    assert found["rules"] == pytest.approx([0.5, 0.5, 0.5])
+    found = hole_headroom.summary(record)
+    assert found["oracle"]["share"] == pytest.approx([1.0, 1.0, 1.0])
+    assert found["rules"]["share"] == pytest.approx([0.5, 0.5, 0.5])
+    assert found["rules"]["cost"] == pytest.approx([3.0, 2.0, 4.0])  # two holes, of 2 and of 4 EUR/m
     text = hole_headroom.table(record)
     assert text.index("| oracle |") < text.index("| rules |")
 
