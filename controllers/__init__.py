@@ -39,7 +39,10 @@ class Controller(Protocol):
         """Get ready for a new episode; ``seed`` of everything random in it."""
 
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-        """The action (3,) float32 after an observation (15,); only an oracle looks into ``info``."""
+        """The action (3,) float32 after an observation (15,); only an oracle looks into ``info``.
+
+        In holes they are (4,) and (20,).
+        """
         ...
 
 

@@ -13,7 +13,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from drillenv.checks import InputError, count, shown
+from drillenv.checks import InputError, choice, count, shown
 from drillenv.cli_options import Parser, plain_number, whole_number
 
 EXTRAS: dict[str, tuple[str, ...]] = {
@@ -36,6 +36,7 @@ NO_USE: dict[str, tuple[str, ...]] = {
     "td3": (*ANNEALED, *ON_POLICY, "ahead", "lstm"),
 }
 """Numbers of a recipe that an algorithm has no use for; of ppo where rigs are as they are."""
+NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "ahead", "lstm", "stack", "activation")
 
 
 @contextmanager
@@ -132,14 +133,18 @@ def _add_trust(parser: Parser) -> None:
 def _league_options(parser: Parser) -> None:
     from drillenv.training.conditions import CONDITIONS
     from drillenv.training.evaluate import ALL
+    from drillenv.training.hole_league import LEARNED, ROWS
 
-    note = f"all, or of {', '.join(ALL)}; {CONTROLLERS}"
+    note = f"all, or of {', '.join(ALL)}; on holes of {', '.join((*ROWS, LEARNED))}; {CONTROLLERS}"
     parser.add_argument("--controllers", nargs="+", default=["all"], metavar="NAME", help=note)
     note = "policies, each a run of the row of its algorithm"
     parser.add_argument("--policies", nargs="+", default=[], metavar="DIR", help=note)
     note = f"one of the conditions {', '.join(CONDITIONS)}, a frozen set, or a file of one (default test)"
     parser.add_argument("--scenario", default="test", help=note)
-    parser.add_argument("--environment", help="of a scenario that is no condition (default DrillLayers)")
+    note = (
+        "of a scenario that is no condition (default DrillLayers); DrillBit has holes, and what a metre of them costs"
+    )
+    parser.add_argument("--environment", help=note)
     parser.add_argument("--episodes", type=whole_number, metavar="N", help="the first so many (default all)")
     parser.add_argument("--steps", type=whole_number, metavar="N", help="of each episode (default as registered)")
     parser.add_argument("--threads", type=whole_number, metavar="N", help="threads of the rigs (default all cores)")
@@ -151,41 +156,90 @@ def _league_options(parser: Parser) -> None:
 
 
 def _league(given: argparse.Namespace) -> None:
-    from drillenv.files import check_writable
+    from drillenv.env.registration import KINDS
+    from drillenv.training.hole_league import ENVIRONMENT
+
+    if given.environment is not None and choice("environment", given.environment, (*KINDS, ENVIRONMENT)) == ENVIRONMENT:
+        _hole_league(given)
+        return
     from drillenv.training.conditions import condition
-    from drillenv.training.evaluate import evaluate, read_record, write_record
+    from drillenv.training.evaluate import evaluate, read_record
     from drillenv.training.league_table import league_table, write_table
 
     chosen = condition(given.scenario, given.environment)
     wanted = _entries(given.controllers, given.policies, given.trust_pickle)
     threads = None if given.threads is None else count("threads", given.threads, 1, 1024)
-    for file in (given.json, given.table):
-        if file is not None:
-            check_writable(file)
-    kept = read_record(given.json) if given.json is not None and Path(given.json).is_file() else None
-
-    def save(record: dict[str, Any]) -> None:
-        if given.json is not None:
-            write_record(given.json, record)
-
-    try:
+    kept, save = _kept(given, read_record)
+    with _saying_what_is_kept():
         record = evaluate(wanted, given.scenario, chosen, given.episodes, given.steps, kept, threads, save)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("interrupted: rows that were done are in the file of --json") from None
     save(record)
     if given.table is not None:
         write_table(given.table, record)
     print(league_table(record))
 
 
+def _hole_league(given: argparse.Namespace) -> None:
+    from drillenv.training import hole_league
+    from drillenv.training.evaluate import read_record
+    from drillenv.training.league_table import put
+
+    for name, value in (("threads", given.threads), ("trust-pickle", given.trust_pickle or None)):
+        if value is not None:
+            raise InputError(f"--{name} has no use with {given.environment}: leave it out")
+    _look_here(given.controllers)
+    wanted = hole_league.entries(given.controllers, given.policies)
+    kept, save = _kept(given, lambda file: read_record(file, hole_league.FORMAT, "rows"))
+    with _saying_what_is_kept():
+        record = hole_league.evaluate(wanted, given.scenario, given.episodes, given.steps, kept, save)
+    save(record)
+    rows = hole_league.league_table(record)
+    if given.table is not None:
+        name = given.environment
+        put(given.table, {f"league {name}": hole_league.page_part(record), f"league-rows {name}": rows})
+    print(rows)
+
+
+def _kept(
+    given: argparse.Namespace, read: Callable[[str], dict[str, Any]]
+) -> tuple[dict[str, Any] | None, Callable[[dict[str, Any]], None]]:
+    """The record in the file of --json, where there is one, and what writes it anew; both files can be written to."""
+    from drillenv.files import check_writable
+    from drillenv.training.evaluate import write_record
+
+    for file in (given.json, given.table):
+        if file is not None:
+            check_writable(file)
+
+    def save(record: dict[str, Any]) -> None:
+        if given.json is not None:
+            write_record(given.json, record)
+
+    file = given.json
+    return read(file) if file is not None and Path(file).is_file() else None, save
+
+
+@contextmanager
+def _saying_what_is_kept() -> Iterator[None]:
+    """Say at Ctrl-C where the rows are that were done."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("interrupted: rows that were done are in the file of --json") from None
+
+
 def _entries(names: Sequence[str], policies: Sequence[str], trust_pickle: bool) -> dict[str, list[Any]]:
-    """The runs asked for. Modules are looked for in the present folder too, as Python itself does with -m."""
+    """The runs asked for."""
     from drillenv.training.evaluate import entries
 
+    _look_here(names)
+    return entries(names, policies, trust_pickle)
+
+
+def _look_here(names: Sequence[str]) -> None:
+    """Look for modules in the present folder too, as Python itself does with -m."""
     present = os.getcwd()
     if any(":" in name for name in names) and present not in sys.path:
         sys.path.insert(0, present)
-    return entries(names, policies, trust_pickle)
 
 
 # --- train
@@ -195,30 +249,40 @@ def _train_options(parser: Parser) -> None:
     from drillenv.training.recipe import (
         ALGORITHMS,
         CHECKPOINT_SECONDS,
+        HOLE_TIMESTEPS,
         OTHERWISE,
         TIMESTEPS,
         USUAL,
         USUAL_TIMESTEPS,
         Recipe,
+        usual,
     )
 
     said = "; ".join(f"{name}: {meaning}" for name, meaning in ALGORITHMS.items())
     parser.epilog = (
-        f"Algorithms: {said}. Defaults are those of ppo-vine; those of the others are given where they differ."
+        f"Algorithms: {said}. Defaults are those of ppo-vine; those of the others are given where they differ. "
+        "DrillBit is learned by ppo, with the numbers given for it."
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the run")
     note = "go on with the run in --out; other options may be left out"
     parser.add_argument("--resume", action="store_true", help=note)
-    others = ", ".join(f"{name} {steps}" for name, steps in TIMESTEPS.items())
+    others = ", ".join(f"{name} {steps}" for name, steps in {**TIMESTEPS, "DrillBit": HOLE_TIMESTEPS}.items())
     note = f"steps in all, all rigs together (default {USUAL_TIMESTEPS}; {others})"
     parser.add_argument("--timesteps", type=whole_number, metavar="N", help=note)
     parser.add_argument("--threads", type=whole_number, metavar="N", help="threads of the rigs (default all cores)")
     note = f"time between checkpoints (default {CHECKPOINT_SECONDS:g})"
     parser.add_argument("--checkpoint-seconds", type=plain_number, default=CHECKPOINT_SECONDS, metavar="S", help=note)
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    plain = {**USUAL, **OTHERWISE["ppo"]}
+    hole = {
+        name: value
+        for name, value in usual("ppo", hole=True).items()
+        if name not in NO_USE_IN_HOLES and not USUAL[name] == plain[name] == value
+    }
+    otherwise = {**OTHERWISE, "DrillBit": hole}
     for each in fields(Recipe):
         default = USUAL.get(each.name, each.default)
-        others = {name: changed[each.name] for name, changed in OTHERWISE.items() if each.name in changed}
+        others = {name: numbers[each.name] for name, numbers in otherwise.items() if each.name in numbers}
         _add_number(parser, each.name, default, others, each.metadata["help"])
 
 
@@ -265,7 +329,7 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         InputError: a value is not what it should be, or has no use with the algorithm.
     """
     from drillenv.training.export import CONFIG, read_config
-    from drillenv.training.recipe import TIMESTEPS, USUAL_TIMESTEPS, Recipe, read_recipe
+    from drillenv.training.recipe import Recipe, read_recipe
 
     chosen = {each.name: value for each in fields(Recipe) if (value := getattr(given, each.name)) is not None}
     own = set(chosen)
@@ -275,12 +339,14 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         chosen = there.as_record() | chosen
         timesteps = steps if timesteps is None else timesteps
     recipe = read_recipe(chosen)
-    for name in () if recipe.prepared and recipe.algo == "ppo" else NO_USE[recipe.algo]:
+    useless = () if recipe.prepared and recipe.algo == "ppo" else NO_USE[recipe.algo]
+    for name in NO_USE_IN_HOLES if recipe.hole else useless:
         if name in own and chosen[name]:
-            raise InputError(f"--{name.replace('_', '-')} has no use with {recipe.algo}: leave it out")
+            partner = recipe.env if recipe.hole else recipe.algo
+            raise InputError(f"--{name.replace('_', '-')} has no use with {partner}: leave it out")
     return {
         "recipe": recipe,
-        "timesteps": TIMESTEPS.get(recipe.algo, USUAL_TIMESTEPS) if timesteps is None else timesteps,
+        "timesteps": recipe.timesteps if timesteps is None else timesteps,
         "out": given.out,
         "resume": given.resume,
         "threads": given.threads,
@@ -303,7 +369,8 @@ def _train(given: argparse.Namespace) -> None:
     print(f"{result['steps']} steps, {result['steps_a_second']:.0f} a second")
     if result["best_score"] is not None:
         out = shlex.quote(str(wanted["out"]))
-        print(f"best evaluation: {result['best_score']:.4f} mm/s after {result['best_steps']} steps, in {out}/best")
+        unit = wanted["recipe"].unit
+        print(f"best evaluation: {result['best_score']:.4f} {unit} after {result['best_steps']} steps, in {out}/best")
 
 
 # --- export and film
@@ -311,9 +378,8 @@ def _train(given: argparse.Namespace) -> None:
 
 def _export(given: argparse.Namespace) -> None:
     with needs("train"):
-        from drillenv.controllers.policies import write_policy
         from drillenv.controllers.policies.stable_baselines import read_model
-        from drillenv.training.export import exported
+        from drillenv.training.export import exported, write
 
         if (given.folder is None) == (given.model is None):
             raise InputError("the source is missing, or there are two: give one of --run and --model")
@@ -324,7 +390,7 @@ def _export(given: argparse.Namespace) -> None:
         else:
             _check_left_out(given, "env", "--model")
             policy = exported(Path(given.folder), given.which or "best")
-    write_policy(given.out, policy)
+    write(given.out, policy)
 
 
 def _check_left_out(given: argparse.Namespace, name: str, partner: str) -> None:

@@ -34,6 +34,7 @@ from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
 from drillenv.checks import InputError, shown
 from drillenv.env.batch import Snapshot
+from drillenv.env.hole.batch import Holes
 from drillenv.env.plant import Plants
 from drillenv.env.scalar import EnvState
 from drillenv.training.learner import Learner
@@ -82,6 +83,7 @@ def take(learner: Learner, notes: dict[str, Any], best: Mapping[str, np.ndarray]
     }
     for name, value in _lstm(learner).items():
         arrays[name] = value.numpy()
+    arrays |= _belief(learner)
     generators, positions = _generators()
     record = {
         "format": FORMAT,
@@ -134,6 +136,10 @@ def _put(learner: Learner, checkpoint: Checkpoint) -> None:
     learner.monitor.episode_lengths = _like("episode_lengths", arrays, learner.monitor.episode_lengths)
     model._last_obs = stack.stacked_obs.copy()
     model._last_episode_starts = _like("episode_starts", arrays, np.zeros(model.n_envs, dtype=bool))
+    if learner.believing is not None:
+        for name, value in _belief(learner).items():
+            value[:] = _like(name, arrays, value)
+        learner.believing.known = stack.stacked_obs.copy()
     if isinstance(model, RecurrentPPO):
         states = {name: torch.from_numpy(arrays[name].copy()) for name in _lstm(learner)}
         pairs = [tuple(states[f"{part}_{each}"] for each in LSTM) for part in ("actor", "critic")]
@@ -165,13 +171,24 @@ def _lstm(learner: Learner) -> dict[str, torch.Tensor]:
     return {f"{part}_{each}": pair[i] for part, pair in parts.items() for i, each in enumerate(LSTM)}
 
 
+def _belief(learner: Learner) -> dict[str, np.ndarray]:
+    """The memory of each hole by name, itself and no copy; nothing where none is drilled."""
+    if learner.believing is None:
+        return {}
+    return {f"belief{name}": value for name, value in vars(learner.believing.belief).items()}
+
+
+def _parts(learner: Learner) -> list[str]:
+    """The names of the arrays of a rig's snapshot, in order."""
+    plants = [f"plants_{name}" for name in Plants._fields]
+    return [*plants, *(f"holes_{name}" for name in Holes._fields), "ended"] if learner.recipe.hole else plants
+
+
 def _rigs(learner: Learner) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
     """The rigs: arrays with a row for each, and the rest of each as a record."""
     envs = learner.rigs.rigs
     states = [envs.get_state(i) for i in range(learner.rigs.num_envs)]
-    arrays = {
-        f"plants_{name}": np.stack([state.rig.arrays[j] for state in states]) for j, name in enumerate(Plants._fields)
-    }
+    arrays = {name: np.stack([state.rig.arrays[j] for state in states]) for j, name in enumerate(_parts(learner))}
     arrays["truths"] = np.stack([state.rig.truth for state in states])
     arrays["readings"] = np.stack([state.rig.seen for state in states])
     arrays["rewards"] = np.array([state.rig.reward for state in states])
@@ -192,11 +209,11 @@ def _put_rigs(learner: Learner, arrays: Mapping[str, np.ndarray], records: list[
     n = learner.rigs.num_envs
     if len(records) != n or len(arrays["rewards"]) != n:
         raise InputError(f"the checkpoint is of {len(records)} rigs, not of {n}: go on with the recipe it was made by")
-    plants = [arrays[f"plants_{name}"] for name in Plants._fields]
+    parts = [arrays[name] for name in _parts(learner)]
     window = np.zeros(envs._batch.windows.shape[1:])
     for i, record in enumerate(records):
         rig = Snapshot(
-            tuple(part[i] for part in plants),
+            tuple(part[i] for part in parts),
             arrays["truths"][i],
             arrays["readings"][i],
             float(arrays["rewards"][i]),

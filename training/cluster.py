@@ -157,7 +157,9 @@ def learned(algorithm: PPO, recipe: Recipe, steps: int) -> Policy:
         for i in range(len(recipe.layers)):
             weights[f"layer{i}.{part}"] = np.array(state[f"{ENCODER}.{2 * i}.{part}"], dtype=np.float32)
         weights[f"action.{part}"] = np.array(state[f"{HEAD}.{part}"], dtype=np.float32)
-    return policy_of(weights, recipe, steps, None)
+    policy = policy_of(weights, recipe, steps, None)
+    assert isinstance(policy, Policy)
+    return policy
 
 
 def train(recipe: Recipe, timesteps: int, out: str, address: str = "local", runners: int = 1) -> dict[str, float]:

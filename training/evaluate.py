@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,7 +79,7 @@ def entries(names: Sequence[str], policies: Sequence[str] = (), trust_pickle: bo
                 raise InputError(f"controller {given} needs trained policies: give their folders after --policies")
             found[given] = trained[given]
         else:
-            row, name = _named(given)
+            row, name = named(given, ALL, REPEATED)
             found.setdefault(row, []).append(_run(name, trust_pickle))
     return found
 
@@ -103,14 +103,18 @@ def row_of(policy: Policy) -> str:
     return "ppo-vine" if algorithm == "ppo" and said.get("ahead") else algorithm
 
 
-def _named(given: str) -> tuple[str, str]:
-    """The row and the controller of an argument."""
+def named(given: str, taken: Sequence[str], free: Sequence[str] = ()) -> tuple[str, str]:
+    """The row and the controller of an argument; ``taken`` are names that a row cannot have, but for the ``free``.
+
+    Raises:
+        InputError: it is neither a controller nor ROW=CONTROLLER, or the row cannot have this name.
+    """
     row, equals, name = given.partition("=")
     if not equals:
         row = name = given
     elif not row.strip() or not name.strip():
         raise InputError(f"controller is {shown(given)}: give a controller, or ROW=CONTROLLER")
-    elif row == "all" or (row in ALL and row not in REPEATED):
+    elif row == "all" or (row in taken and row not in free):
         raise InputError(f"controller is {shown(given)}: {row} is a row of the league already; give it another name")
     if any(each in row for each in "|\n`<>"):
         raise InputError(f"controller is {shown(given)}: give ROW=CONTROLLER, with a name that a table can hold")
@@ -128,7 +132,7 @@ def _run(name: str, trust_pickle: bool = False) -> Run:
     if name.lower().endswith(".zip"):
         if trust_pickle:
             model = Unpickled(name).model
-            return Run(lambda: Unpickled(model), None, _digest(Path(name)), name)
+            return Run(lambda: Unpickled(model), None, digest(Path(name)), name)
         return _policy_run(read_policy(name), Path(name), name)
     if (Path(name) / DESCRIPTION).is_file():
         return _policy_run(read_policy(name), Path(name), name)
@@ -139,10 +143,10 @@ def _run(name: str, trust_pickle: bool = False) -> Run:
 def _policy_run(policy: Policy, path: Path, source: str | None = None) -> Run:
     seed = policy.provenance.get("seed")
     number = None if isinstance(seed, str) else seed
-    return Run(lambda: controllers.make("learned", policy=policy), number, _digest(path), source)
+    return Run(lambda: controllers.make("learned", policy=policy), number, digest(path), source)
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
     """SHA-256 of the weights of a policy, or of a model."""
     return hashlib.sha256((path / WEIGHTS if path.is_dir() else path).read_bytes()).hexdigest()
 
@@ -202,10 +206,7 @@ def evaluate(
     }
     runs: dict[str, Any] = {}
     if kept is not None:
-        for key, value in head.items():
-            if kept.get(key) != value:
-                was = shown(kept.get(key))
-                raise InputError(f"the file of --json has {key} {was}, not {shown(value)}: give another file")
+        check_head(kept, head)
         runs = dict(kept["runs"])
     if YARDSTICK in wanted or YARDSTICK not in runs:
         # the first, so that the others can be compared with it
@@ -223,14 +224,26 @@ def evaluate(
     return _complete(head, runs)
 
 
+def check_head(kept: Mapping[str, Any], head: Mapping[str, Any]) -> None:
+    """See that a record made before is of the same condition.
+
+    Raises:
+        InputError: it is not.
+    """
+    for key, value in head.items():
+        if kept.get(key) != value:
+            was = shown(kept.get(key))
+            raise InputError(f"the file of --json has {key} {was}, not {shown(value)}: give another file")
+
+
 def _complete(head: dict[str, Any], runs: dict[str, Any]) -> dict[str, Any]:
     """The record, its rows in the order of ALL, and then those that are not of this package."""
     ordered = {row: runs[row] for row in (*ALL, *runs) if row in runs}
     return {**head, "runs": ordered, "summary": summary(ordered, np.array(head["strata"]))}
 
 
-def read_record(file: str | Path) -> dict[str, Any]:
-    """A record that was written before.
+def read_record(file: str | Path, form: str = FORMAT, rows: str = "runs") -> dict[str, Any]:
+    """A record that was written before, of a format, with a record of its rows under the key ``rows``.
 
     Raises:
         InputError: it cannot be read or is of another format.
@@ -241,8 +254,8 @@ def read_record(file: str | Path) -> dict[str, Any]:
         raise InputError(f"cannot read {shown(str(file))}: {error.strerror}; give a file of the league") from None
     except (ValueError, RecursionError):
         raise InputError(f"{shown(str(file))} is not JSON: give a file of the league, or another name") from None
-    if not isinstance(record, dict) or record.get("format") != FORMAT or not isinstance(record.get("runs"), dict):
-        raise InputError(f"{shown(str(file))} is not of the format {FORMAT}: give a file of the league")
+    if not isinstance(record, dict) or record.get("format") != form or not isinstance(record.get(rows), dict):
+        raise InputError(f"{shown(str(file))} is not of the format {form}: give a file of the league")
     return record
 
 

@@ -1,4 +1,4 @@
-"""What a policy is worth while it is trained: its mean reward, without noise on its actions."""
+"""What a policy is worth while it is trained, without noise on its actions: its mean reward, or what a metre costs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecFrameStack
 
 from drillenv.checks import InputError
+from drillenv.controllers.hole.learned import HoleLearned, HolePolicy
 from drillenv.controllers.learned import Learned
 from drillenv.controllers.policies import Policy
+from drillenv.env.registration import HOLES
+from drillenv.training.hole_search import costs_per_metre
 from drillenv.training.learner import rigs_of
 from drillenv.training.recipe import Recipe
 from drillenv.training.rollout import rollout
@@ -33,13 +36,22 @@ def scenario_of(recipe: Recipe) -> str | None:
     return SCENARIO
 
 
-def score_of_policy(policy: Policy, recipe: Recipe, threads: int | None) -> float:
-    """Mean reward in mm/s of an exported policy on prepared rigs, over the episodes of an evaluation."""
+def better(score: float, other: float, recipe: Recipe) -> bool:
+    """Whether a score is better than another: less, where it is a cost."""
+    return score < other if recipe.hole else score > other
+
+
+def score_of_policy(policy: Policy | HolePolicy, recipe: Recipe, threads: int | None) -> float:
+    """Mean reward in mm/s of an exported policy on prepared rigs, or EUR/m of holes."""
     environment = recipe.env.removeprefix("drillenv/").removesuffix("-v0")
     arguments: dict[str, Any] = dict(recipe.env_kwargs)
     steps = arguments.pop("max_episode_steps", None)
     scenario = scenario_of(recipe)
     first = 0 if scenario else FIRST_SEED
+    if isinstance(policy, HolePolicy):
+        arguments = {**HOLES[environment], **arguments}
+        costs = costs_per_metre(HoleLearned(policy), scenario, recipe.episodes, threads, arguments, steps, first)
+        return float(costs.mean())
     made = rollout(lambda: Learned(policy), environment, scenario, recipe.episodes, steps, threads, arguments, first)
     return float(made.scores.mean())
 

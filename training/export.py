@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from drillenv.checks import InputError, choice, shown
-from drillenv.controllers.policies import ACTIONS, DESCRIPTION, DIRECT, NAMES, Policy, read_policy
+from drillenv.controllers.hole import learned as hole
+from drillenv.controllers.hole.learned import HolePolicy
+from drillenv.controllers.policies import ACTIONS, DESCRIPTION, DIRECT, NAMES, Policy, read_policy, write_policy
 from drillenv.controllers.policies.stable_baselines import PER_LAYER
 from drillenv.training.recipe import OFF_POLICY, Recipe, read_recipe, renamed
 from drillenv.training.scaling import CENTRE, WIDTH
@@ -34,6 +36,8 @@ def controller_weights(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> 
     if given.get("actions", "absolute") != "absolute" or given.get("observations", "readings") != "readings":
         return {}
     weights = weights_of(parameters, recipe)
+    if recipe.hole:
+        return weights
     sizes = weights["action.bias"].size, weights.get("lstm.weight_input", weights["layer0.weight"]).shape[1]
     return weights if sizes == (len(ACTIONS), recipe.stack * len(NAMES)) else {}
 
@@ -56,7 +60,7 @@ def weights_of(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str
 
 def policy_of(
     weights: Mapping[str, np.ndarray], recipe: Recipe, steps: int, score: float | None, scenario: str = "validation"
-) -> Policy:
+) -> Policy | HolePolicy:
     """The policy with these weights, as one that says where it comes from."""
     provenance: dict[str, str | float] = {"algorithm": recipe.algo, "seed": recipe.seed, "steps": steps}
     if recipe.ahead:
@@ -67,7 +71,9 @@ def policy_of(
         if getattr(recipe, name):
             provenance[name] = json.dumps(getattr(recipe, name))
     if score is not None:
-        provenance |= {"score": score, "score_unit": "mm/s", "scenario": scenario, "episodes": recipe.episodes}
+        provenance |= {"score": score, "score_unit": recipe.unit, "scenario": scenario, "episodes": recipe.episodes}
+    if recipe.hole:
+        return HolePolicy(weights, {**provenance, "gamma": recipe.gamma})
     return Policy(
         weights=weights,
         centre=CENTRE if recipe.prepared else np.zeros(len(NAMES), dtype=np.float32),
@@ -81,6 +87,18 @@ def policy_of(
         outputs=ACTIONS if recipe.prepared else DIRECT,
         squash="tanh" if recipe.algo in OFF_POLICY else "clip",
     )
+
+
+def write(folder: str | Path, policy: Policy | HolePolicy) -> None:
+    """Write the two files of a policy.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    if isinstance(policy, HolePolicy):
+        hole.write_policy(folder, policy)
+    else:
+        write_policy(folder, policy)
 
 
 def read_config(run: Path) -> tuple[Recipe, int]:
@@ -108,7 +126,7 @@ def read_config(run: Path) -> tuple[Recipe, int]:
         raise InputError(f"{file} is damaged ({shown(str(error))}): give the folder of a run") from None
 
 
-def exported(run: Path, which: str = "best") -> Policy:
+def exported(run: Path, which: str = "best") -> Policy | HolePolicy:
     """The best policy of a run so far by its evaluations, or the last one, from its last checkpoint.
 
     Raises:

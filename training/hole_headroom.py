@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -20,7 +21,7 @@ from tqdm import tqdm
 
 from drillenv.checks import InputError, count
 from drillenv.cli import Parser
-from drillenv.controllers import Controller, OnPlant
+from drillenv.controllers import Controller, OnPlant, sees_truth
 from drillenv.controllers.fixed import Random
 from drillenv.controllers.hole.learned import HoleLearned
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
@@ -30,6 +31,8 @@ from drillenv.env.hole.costs import BIT
 from drillenv.env.hole.task import HoleTask
 from drillenv.files import check_writable, whole
 from drillenv.training.headroom import RESAMPLES
+from drillenv.training.league_table import put
+from drillenv.training.rollout import action_of
 
 FORMAT = "drillenv-hole-headroom/1"
 PINNED = ("frequency", "amplitude", "pressure")
@@ -95,62 +98,83 @@ def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callabl
     return rows
 
 
-def row_of(alike: Sequence[Controller], scenario: str, episodes: int) -> dict[str, list[float]]:
+def row_of(
+    alike: Sequence[Controller], scenario: str, episodes: int, steps: int | None = None
+) -> dict[str, list[float]]:
     """What controllers of one kind did in each hole, in the mean over them and over the noise."""
-    seeds = range(1 if alike[0].sees_truth else NOISES)
-    made = [play(each, scenario, episodes, seed) for each in alike for seed in seeds]
+    made = [
+        play(each, scenario, episodes, seed, steps)
+        for each in alike
+        for seed in range(1 if sees_truth(each) else NOISES)
+    ]
     return {name: np.mean([each[name] for each in made], axis=0).tolist() for name in made[0]}
 
 
-def play(controller: Controller, scenario: str, episodes: int, seed: int) -> dict[str, list[float]]:
-    """What a controller did in each hole."""
-    env = gym.make("drillenv/DrillBit-v0", scenario=scenario)
+def play(
+    controller: Controller, scenario: str, episodes: int, seed: int, steps: int | None = None
+) -> dict[str, list[float]]:
+    """What a controller did in each hole, of which ``steps`` are the most, those of the registration where left out.
+
+    Raises:
+        InputError: what the controller gives is no action.
+    """
+    env = gym.make("drillenv/DrillBit-v0", scenario=scenario, max_episode_steps=steps)
     kept: dict[str, list[float]] = {name: [] for name in (*MEASURES, "plan")}
     for episode in tqdm(range(episodes), disable=None):
         observation, info = env.reset(seed=seed, options={"episode": episode})
         if isinstance(controller, OnPlant):
             controller.attach(env.unwrapped.get_state)  # type: ignore[attr-defined]
         controller.reset(seed)
-        single, steps, ended = 0.0, 0, False
+        single, done, ended = 0.0, 0, False
         while not ended:
-            action = controller.act(observation, info if controller.sees_truth else {})
+            action = action_of(controller, observation, info if sees_truth(controller) else {}, 4)
             observation, _reward, terminated, truncated, info = env.step(action)
-            single, steps, ended = single + info["strong_share"], steps + 1, terminated or truncated
+            single, done, ended = single + info["strong_share"], done + 1, terminated or truncated
         for name in MEASURES:
-            kept[name].append(single / steps if name == "strong_share" else float(info[name]))
+            kept[name].append(single / done if name == "strong_share" else float(info[name]))
         if type(controller) is HoleOracle:
             kept["plan"].append(controller.bound())
     return kept
 
 
+DIGITS = {"cost": 1, "share": 3}
+"""Decimals of what a summary holds, in a table."""
 MEASURES = ("cost_per_metre", "hole_depth", "time", "bits_changed", "bits_broken", "trips", "strong_share")
 
 
-def shares(record: dict[str, Any]) -> dict[str, list[float]]:
-    """For each row the oracle's mean cost per metre over its own, with a 95 % bootstrap interval over holes."""
+def summary(record: dict[str, Any]) -> dict[str, dict[str, list[float]]]:
+    """What each row is worth, with 95 % bootstrap intervals over holes, which all rows share.
+
+    Returns:
+        Of each row ``cost``, its mean cost per metre in EUR/m, and ``share``, the oracle's over it; each with the ends
+        of its interval.
+    """
     oracle = np.array(record["rows"][ORACLE]["cost_per_metre"])
     drawn = np.random.default_rng(0).integers(0, oracle.size, (RESAMPLES, oracle.size))
-    found = {}
+    best, found = oracle[drawn].mean(axis=1), {}
     for name, row in record["rows"].items():
         costs = np.array(row["cost_per_metre"])
-        resampled = oracle[drawn].mean(axis=1) / costs[drawn].mean(axis=1)
-        found[name] = [oracle.mean() / costs.mean(), *np.percentile(resampled, [2.5, 97.5])]
+        means = costs[drawn].mean(axis=1)
+        found[name] = {
+            "cost": [float(costs.mean()), *np.percentile(means, [2.5, 97.5]).tolist()],
+            "share": [float(oracle.mean() / costs.mean()), *np.percentile(best / means, [2.5, 97.5]).tolist()],
+        }
     return found
 
 
-def table(record: dict[str, Any]) -> str:
-    """The record as a Markdown table."""
+def table(record: dict[str, Any], labels: Mapping[str, str] = MappingProxyType({})) -> str:
+    """The record as a Markdown table. ``labels`` are what rows are called, where that is not their name."""
     lines = [
         "| controller | cost, EUR/m | share of the oracle | m/h | bits changed | broken | trips | strong P-1-I-1 |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    found = shares(record)
+    found = summary(record)
     for name, row in sorted(record["rows"].items(), key=lambda item: np.mean(item[1]["cost_per_metre"])):
         means = {measure: float(np.mean(row[measure])) for measure in MEASURES}
-        share, low, high = found[name]
+        cost, share = ("{:.{d}f} ({:.{d}f} to {:.{d}f})".format(*found[name][key], d=d) for key, d in DIGITS.items())
         speed = 3600 * np.sum(row["hole_depth"]) / np.sum(row["time"])
         lines.append(
-            f"| {name} | {means['cost_per_metre']:.1f} | {share:.3f} ({low:.3f} to {high:.3f}) | {speed:.2f} "
+            f"| {labels.get(name, name)} | {cost} | {share} | {speed:.2f} "
             f"| {means['bits_changed']:.1f} | {means['bits_broken']:.1f} | {means['trips']:.1f} "
             f"| {means['strong_share']:.2f} |"
         )
@@ -166,7 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=60, help="the first so many (default 60)")
     parser.add_argument("--json", type=Path, required=True, help="the record, which is gone on with where it exists")
     parser.add_argument("--table", type=Path, help="write the table into its place in this page")
-    note = "folders of policies of drillenv.training.hole_ppo, by seed"
+    note = "folders of policies that drillenv train made on DrillBit, by seed"
     parser.add_argument("--policies", nargs="+", default=[], metavar="DIR", help=note)
     parser.add_argument("--myopic", nargs="+", default=[], metavar="DIR", help="the same with a gamma of 0")
     try:
@@ -180,27 +204,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 with whole(given.json) as part:
                     part.write_text(json.dumps(record) + "\n", encoding="utf-8")
         if given.table is not None:
-            put_table(given.table, table(record))
+            put(given.table, {"hole-headroom": table(record)})
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(record))
     return 0
-
-
-def put_table(page: Path, text: str) -> None:
-    """Write the table into its place in a page.
-
-    Raises:
-        InputError: the page has no such place.
-    """
-    begin, end = "<!-- hole-headroom -->\n", "<!-- end hole-headroom -->"
-    content = page.read_text(encoding="utf-8")
-    before, found, rest = content.partition(begin)
-    if not found or end not in rest:
-        raise InputError(f"{page} has no lines {begin.strip()} and {end}: give another page")
-    with whole(page) as part:
-        part.write_text(before + begin + text + "\n" + end + rest.partition(end)[2], encoding="utf-8")
 
 
 def begun(file: Path, scenario: str, episodes: int) -> dict[str, Any]:

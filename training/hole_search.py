@@ -11,9 +11,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -47,11 +48,30 @@ NEAR = 0.12
 """Standard deviation of the changes of the best one, as a share of each range."""
 
 
-def costs_per_metre(controller: Any, scenario: str, episodes: int, threads: int | None = None) -> np.ndarray:
-    """(episodes,) the cost per metre in EUR/m of a controller that takes many observations at once."""
-    steps = HOLE_STEPS["DrillBit"]
-    envs = DrillBitVectorEnv(episodes, None, autoreset_mode="SameStep", threads=threads, scenario=scenario)
-    observations, _ = envs.reset(seed=0, options={"episode": list(range(episodes))})
+def costs_per_metre(
+    controller: Any,
+    scenario: str | None,
+    episodes: int,
+    threads: int | None = None,
+    arguments: Mapping[str, Any] = MappingProxyType({}),
+    steps: int | None = None,
+    first_seed: int = 0,
+) -> np.ndarray:
+    """(episodes,) the cost per metre in EUR/m of a controller that takes many observations at once.
+
+    Args:
+        controller: What drills all holes.
+        scenario: A frozen set or a file of one; None lets the seeds draw the holes.
+        episodes: The first so many.
+        threads: Of the environment; all cores where left out.
+        arguments: Others of the environment.
+        steps: After which a hole is left as it is; those of the registration where left out.
+        first_seed: Of the first hole.
+    """
+    steps = HOLE_STEPS["DrillBit"] if steps is None else steps
+    envs = DrillBitVectorEnv(episodes, None, autoreset_mode="SameStep", threads=threads, scenario=scenario, **arguments)
+    chosen = {} if scenario is None else {"episode": list(range(episodes))}
+    observations, _ = envs.reset(seed=first_seed, options=chosen)
     controller.reset(0)
     costs, left = np.full(episodes, np.nan), np.ones(episodes, dtype=bool)
     for step in range(steps):

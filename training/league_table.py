@@ -95,28 +95,38 @@ def page_part(record: Mapping[str, Any]) -> str:
 
 
 def write_table(file: str | Path, record: Mapping[str, Any]) -> None:
-    """Write the tables to a file of their own, or into their place in a page.
+    """Write the tables to a file of their own, or into their places in a page, see :func:`put`.
 
-    The place in a page lies between the lines ``<!-- league NAME -->`` and ``<!-- end league NAME -->``; between
-    ``<!-- league-rows NAME -->`` and its end only the rows are written.
+    Between ``<!-- league NAME -->`` and its end is everything that a page says of the condition, between
+    ``<!-- league-rows NAME -->`` and its end the rows only.
 
     Raises:
         InputError: the file cannot be read or written, or is a page without a place for this condition.
     """
-    target = Path(file)
     name = record["condition"]
-    text = page_part(record) + "\n"
+    put(file, {f"league {name}": page_part(record), f"league-rows {name}": league_table(record)})
+
+
+def put(file: str | Path, parts: Mapping[str, str]) -> None:
+    """Write the first of the parts to a file of its own, or each into its place in a page, where it has one.
+
+    The place of a part lies between the lines ``<!-- NAME -->`` and ``<!-- end NAME -->``.
+
+    Raises:
+        InputError: the file cannot be read or written, or is a page without a place for any.
+    """
+    target, first = Path(file), next(iter(parts))
+    text = parts[first] + "\n"
     if target.is_file() and target.stat().st_size:
-        text = target.read_text(encoding="utf-8")
-        found = False
-        for kind, content in (("league", page_part), ("league-rows", league_table)):
-            begin, end = f"<!-- {kind} {name} -->\n", f"<!-- end {kind} {name} -->"
+        text, found = target.read_text(encoding="utf-8"), False
+        for name, content in parts.items():
+            begin, end = f"<!-- {name} -->\n", f"<!-- end {name} -->"
             if begin in text and end in text.split(begin, 1)[1]:
                 before, rest = text.split(begin, 1)
-                text = before + begin + content(record) + "\n" + end + rest.split(end, 1)[1]
+                text = before + begin + content + "\n" + end + rest.split(end, 1)[1]
                 found = True
         if not found:
-            raise InputError(f"{target} has no line <!-- league {name} --> to put the table after: give another file")
+            raise InputError(f"{target} has no line <!-- {first} --> to put the table after: give another file")
     with whole(target) as part:
         part.write_text(text, encoding="utf-8")
 

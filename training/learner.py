@@ -14,6 +14,8 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor
 
 from drillenv.checks import InputError, shown
 from drillenv.controllers.policies import outputs_for
+from drillenv.training import believing
+from drillenv.training.believing import Believing
 from drillenv.training.branches import BranchedPPO, Branches
 from drillenv.training.recipe import OFF_POLICY, START, Recipe
 from drillenv.training.sb3 import DrillVecEnv
@@ -38,6 +40,7 @@ class Learner:
 
     Attributes:
         rigs: The environments themselves.
+        believing: What remembers of each hole what can be known of it; None where none is drilled.
         monitor: Keeps the statistics of episodes.
         stacked: Observations as the policy sees them: scaled where rigs are prepared, and the last ones side by side.
         model: The algorithm.
@@ -52,31 +55,37 @@ class Learner:
         torch.set_num_threads(1)
         self.recipe = recipe
         self.threads = threads
-        self.rigs: DrillVecEnv = rigs_of(recipe, recipe.envs, threads)
+        self.rigs: DrillVecEnv = rigs_of(recipe, recipe.envs, threads, **_training_price(recipe))
         self.monitor = VecMonitor(self.rigs)
+        self.believing: Believing | None = None
         self._left = 1.0
         if not recipe.prepared:
             self.stacked = VecFrameStack(self.monitor, recipe.stack)
             self.model: Any = _plain(recipe, self.stacked)
             return
-        spaces = self.rigs.observation_space.shape, self.rigs.action_space.shape
-        if spaces != (CENTRE.shape, (len(START),)):
-            raise InputError(f"rigs of {recipe.env} cannot be prepared, they have other readings or controls: take ppo")
-        self.stacked = VecFrameStack(Scaled(self.monitor, 1.0 - recipe.gamma), recipe.stack)
+        if recipe.hole:
+            self.believing = Believing(self.monitor)
+            self.stacked = VecFrameStack(self.believing, recipe.stack)
+        else:
+            spaces = self.rigs.observation_space.shape, self.rigs.action_space.shape
+            if spaces != (CENTRE.shape, (len(START),)):
+                raise InputError(f"rigs of {recipe.env} cannot be prepared, they have other readings: take ppo")
+            self.stacked = VecFrameStack(Scaled(self.monitor, 1.0 - recipe.gamma), recipe.stack)
         self.model = self._algorithm()
         head = self.model.policy.action_net
         assert isinstance(head, torch.nn.Linear)
         with torch.no_grad():
-            head.bias.copy_(torch.from_numpy(outputs_for(*START)))
-        self.model.policy.log_std.requires_grad_(False)
+            head.bias.copy_(torch.from_numpy(np.array(believing.BEGIN) if recipe.hole else outputs_for(*START)))
+        self.model.policy.log_std.requires_grad_(recipe.hole)
         self.anneal()
 
     def _algorithm(self) -> PPO | RecurrentPPO:
         """Untrained."""
         recipe = self.recipe
         policy = network(recipe)
+        slowest = believing.SLOWEST if recipe.hole else SLOWEST
         common = {
-            "learning_rate": lambda _: recipe.learning_rate * max(SLOWEST, self._left),
+            "learning_rate": lambda _: recipe.learning_rate * max(slowest, self._left),
             "n_steps": recipe.rollout,
             "batch_size": recipe.batch,
             "n_epochs": recipe.epochs,
@@ -107,6 +116,8 @@ class Learner:
     def anneal(self) -> None:
         """Set learning rate and noise of the actions for the steps done so far, where the rigs are prepared.
 
+        In a hole the noise is learned, and stays as it is.
+
         They go by these steps alone, not by how many are wanted in the end, so that a run that is lengthened is the run
         that was long from the start.
         """
@@ -115,6 +126,8 @@ class Learner:
             return
         steps = self.model.num_timesteps
         self._left = max(0.0, 1.0 - steps / recipe.anneal)
+        if recipe.hole:
+            return
         loud = max(0.0, 1.0 - steps / recipe.noise_anneal)
         noise = loud * np.log(recipe.noise) + (1.0 - loud) * np.log(recipe.noise_end)
         with torch.no_grad():
@@ -147,7 +160,22 @@ def rigs_of(recipe: Recipe, number: int, threads: int | None = None, **arguments
 
 def network(recipe: Recipe) -> dict[str, Any]:
     """The network of a recipe as Stable-Baselines3 takes it."""
-    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation]}
+    noise = {"log_std_init": believing.NOISE} if recipe.hole else {}
+    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation], **noise}
+
+
+def _training_price(recipe: Recipe) -> dict[str, Any]:
+    """The arguments of an environment that give a metre of hole its worth in training, unless its price is given.
+
+    Raises:
+        InputError: the costs given are no record.
+    """
+    if not recipe.hole:
+        return {}
+    given = recipe.env_kwargs.get("costs")
+    if not isinstance(given, dict | None):
+        raise InputError(f"costs is {shown(given)}: give a record of costs")
+    return {"costs": {"metre": believing.METRE, **(given or {})}}
 
 
 def _plain(recipe: Recipe, rigs: VecFrameStack) -> Any:

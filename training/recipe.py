@@ -10,7 +10,7 @@ from typing import Any
 
 from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
-from drillenv.env.registration import IDS
+from drillenv.env.registration import HOLE_IDS, IDS
 
 ALGORITHMS: Mapping[str, str] = MappingProxyType(
     {
@@ -32,6 +32,7 @@ rocks."""
 TIMESTEPS = {"sac": 100_000, "td3": 100_000}
 """Steps in all where none are given, in place of USUAL_TIMESTEPS."""
 USUAL_TIMESTEPS = 500_000
+HOLE_TIMESTEPS = 4_000_000
 CHECKPOINT_SECONDS = 15.0
 """Between two checkpoints."""
 MOST_AHEAD = 100
@@ -57,6 +58,7 @@ USUAL: Mapping[str, Any] = MappingProxyType(
         "layers": (64, 64),
         "activation": "tanh",
         "lstm": 64,
+        "evaluate_every": 20_000,
     }
 )
 """What is not given, with ppo-vine."""
@@ -87,6 +89,21 @@ OTHERWISE: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 an update shared out among eight rigs."""
 
 
+HOLE: Mapping[str, Any] = MappingProxyType(
+    {
+        "ahead": 0,
+        "stack": 1,
+        "rollout": 128,
+        "batch": 2048,
+        "anneal": HOLE_TIMESTEPS,
+        "gamma": 0.99,
+        "gae_lambda": 0.95,
+        "evaluate_every": 200_000,
+    }
+)
+"""What is otherwise where a hole is drilled, by ppo on rigs that are prepared in a way of their own."""
+
+
 def option(default: Any, text: str) -> Any:
     """A field that is an option of the command line too; where ``default`` is None, the algorithm decides."""
     return field(default=default, metadata={"help": text})
@@ -100,7 +117,7 @@ class Recipe:
         InputError: a value is not what it should be, or two of them contradict each other.
     """
 
-    env: str = option("drillenv/DrillLayers-v0", f"one of {', '.join(IDS)}")
+    env: str = option("drillenv/DrillLayers-v0", f"one of {', '.join((*IDS, *HOLE_IDS))}")
     env_kwargs: Mapping[str, Any] = option(None, "other arguments of gymnasium.make, as JSON")
     algo: str = option("ppo-vine", f"one of {', '.join(ALGORITHMS)}")
     algo_kwargs: Mapping[str, Any] = option(None, "other arguments of the class in Stable-Baselines3, as JSON")
@@ -125,12 +142,12 @@ class Recipe:
     layers: tuple[int, ...] = option(None, "units of each layer, of policy and value alike")
     activation: str = option(None, f"one of {', '.join(ACTIVATIONS)}")
     lstm: int = option(None, "units of the LSTM of recurrent-ppo")
-    evaluate_every: int = option(20_000, "steps between two evaluations on the scenario validation; 0 for none")
+    evaluate_every: int = option(None, "steps between two evaluations on the scenario validation; 0 for none")
     episodes: int = option(30, "episodes of an evaluation")
 
     def __post_init__(self) -> None:
         algo = choice("algo", self.algo, tuple(ALGORITHMS))
-        for name, value in usual(algo, self.prepared).items():
+        for name, value in usual(algo, self.prepared, self.hole).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, value in self._checked().items():
@@ -140,7 +157,7 @@ class Recipe:
     def _checked(self) -> dict[str, Any]:
         """Every value, if it is what it should be."""
         return {
-            "env": choice("env", self.env, IDS),
+            "env": choice("env", self.env, (*IDS, *HOLE_IDS)),
             "env_kwargs": _env_kwargs(self.env_kwargs),
             "algo_kwargs": _json_record("algo_kwargs", self.algo_kwargs),
             "seed": count("seed", self.seed, 0, 2**31 - 1),
@@ -168,6 +185,10 @@ class Recipe:
 
     def _check_together(self) -> None:
         """See that no two values contradict each other."""
+        if self.hole and not (self.algo == "ppo" and self.prepared):
+            raise InputError(f"{self.env} is a hole, which only ppo on prepared rigs learns: give ppo for algo")
+        if self.hole and (self.stack, self.activation) != (1, "tanh"):
+            raise InputError("stack and activation are those of policies for holes, 1 and tanh: leave them out")
         if self.ahead and self.algo != "ppo-vine":
             raise InputError(f"ahead is {self.ahead}, but only ppo-vine measures on copies: leave it out, or give 0")
         if not self.ahead and self.algo == "ppo-vine":
@@ -188,6 +209,21 @@ class Recipe:
             )
 
     @property
+    def hole(self) -> bool:
+        """Whether a hole is drilled, at the least cost."""
+        return self.env in HOLE_IDS
+
+    @property
+    def timesteps(self) -> int:
+        """Steps in all where none are given."""
+        return HOLE_TIMESTEPS if self.hole else TIMESTEPS.get(self.algo, USUAL_TIMESTEPS)
+
+    @property
+    def unit(self) -> str:
+        """Of a score: the mean reward, or what a metre of hole costs."""
+        return "EUR/m" if self.hole else "mm/s"
+
+    @property
     def update(self) -> int:
         """Steps between two updates, all rigs together."""
         return self.envs if self.algo in OFF_POLICY else self.envs * self.rollout
@@ -197,8 +233,10 @@ class Recipe:
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
-def usual(algo: str, prepared: bool | None = None) -> dict[str, Any]:
+def usual(algo: str, prepared: bool | None = None, hole: bool = False) -> dict[str, Any]:
     """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
+    if hole:
+        return {**USUAL, **HOLE}
     return {**USUAL, **(CRITIC if algo == "ppo" and prepared is True else OTHERWISE[algo])}
 
 

@@ -32,11 +32,10 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from drillenv.checks import InputError, count, number
-from drillenv.controllers.policies import write_policy
 from drillenv.files import whole
 from drillenv.training import checkpoint
-from drillenv.training.evaluation import scenario_of, score_of_model, score_of_policy
-from drillenv.training.export import CONFIG, FORMAT, controller_weights, policy_of, read_config
+from drillenv.training.evaluation import better, scenario_of, score_of_model, score_of_policy
+from drillenv.training.export import CONFIG, FORMAT, controller_weights, policy_of, read_config, write
 from drillenv.training.learner import Learner
 from drillenv.training.recipe import CHECKPOINT_SECONDS, OFF_POLICY, Recipe
 
@@ -105,7 +104,7 @@ class Keeper(BaseCallback):
         else:
             score = score_of_model(learner.model, recipe, learner.threads)
         self.notes = {**self.notes, "evaluated": steps, "scores": [*self.notes["scores"], [steps, score]]}
-        if self.notes["best_score"] is None or score > self.notes["best_score"]:
+        if self.notes["best_score"] is None or better(score, self.notes["best_score"], recipe):
             self.notes |= {"best_score": score, "best_steps": steps}
             self.best = weights
             keep(self.out / "best", learner, weights, steps, score)
@@ -128,7 +127,7 @@ def keep(
     recipe = learner.recipe
     if weights:
         scenario = scenario_of(recipe) or "as in training"
-        write_policy(place, policy_of(weights, recipe, steps, score, scenario))
+        write(place, policy_of(weights, recipe, steps, score, scenario))
     if model and not recipe.prepared:
         with whole(place.with_suffix(".zip")) as part:
             learner.model.save(part)

@@ -9,6 +9,8 @@ and whether to change the bit, see :func:`actions_of`.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +48,29 @@ def actions_of(outputs: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.stack([held[..., 0], held[..., 1], pressure, change], axis=-1).astype(np.float32)
 
 
+@dataclass(frozen=True, slots=True)
+class HolePolicy:
+    """A policy network and where it comes from.
+
+    Args:
+        weights: By name ("layer0.weight" ... "action.bias"), float32, as Linear of torch has them.
+        provenance: Texts and numbers for the reader: seed, steps, score and so on.
+    """
+
+    weights: Mapping[str, np.ndarray]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def layers(self) -> int:
+        """Number of layers before the last."""
+        return sum(name.startswith("layer") and name.endswith("weight") for name in self.weights)
+
+
 class HoleLearned:
     """Acts as the policy it is given, by the mean of the distribution it was trained with.
 
     Args:
-        policy: The folder of a policy.
+        policy: The folder of a policy, or one that was read.
 
     Raises:
         InputError: the folder holds no policy that can be used.
@@ -58,9 +78,8 @@ class HoleLearned:
 
     sees_truth = False
 
-    def __init__(self, policy: str | Path):
-        record, self._weights = read_policy(policy)
-        self._layers = int(record["layers"])
+    def __init__(self, policy: str | Path | HolePolicy):
+        self.policy: HolePolicy = policy if isinstance(policy, HolePolicy) else read_policy(policy)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -73,27 +92,35 @@ class HoleLearned:
         if self._belief is None:
             self._belief = Belief(len(readings))
         hidden = known = self._belief.of(readings)
-        for i in range(self._layers):
-            hidden = np.tanh(hidden @ self._weights[f"layer{i}.weight"].T + self._weights[f"layer{i}.bias"])
-        outputs = hidden @ self._weights["action.weight"].T + self._weights["action.bias"]
+        weights = self.policy.weights
+        for i in range(self.policy.layers):
+            hidden = np.tanh(hidden @ weights[f"layer{i}.weight"].T + weights[f"layer{i}.bias"])
+        outputs = hidden @ weights["action.weight"].T + weights["action.bias"]
         actions = actions_of(outputs, known)
         return actions[0] if observation.ndim == 1 else actions
 
 
-def write_policy(folder: str | Path, weights: dict[str, np.ndarray], provenance: dict[str, Any]) -> None:
-    """Write a policy: weights by name ("layer0.weight" ... "action.bias"), as Linear of torch has them."""
+def write_policy(folder: str | Path, policy: HolePolicy) -> None:
+    """Write the two files of a policy, each whole or not at all.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
     place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    layers = sum(name.startswith("layer") and name.endswith("weight") for name in weights)
-    record = {"format": FORMAT, "layers": layers, "provenance": provenance}
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write to {place} ({error.strerror}): give another folder") from None
+    record = {"format": FORMAT, "layers": policy.layers, "provenance": dict(policy.provenance)}
+    weights = {name: np.ascontiguousarray(value, np.float32) for name, value in policy.weights.items()}
     with whole(place / WEIGHTS) as part:
-        part.write_bytes(save({name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}))
+        part.write_bytes(save(weights))
     with whole(place / DESCRIPTION) as part:
         part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
-def read_policy(folder: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What ``policy.json`` says, and the weights.
+def read_policy(folder: str | Path) -> HolePolicy:
+    """Read a policy from its folder.
 
     Raises:
         InputError: a file is missing, too large, or not what it should be.
@@ -111,7 +138,9 @@ def read_policy(folder: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarra
         raise InputError(f"policy {shown(str(folder))} cannot be read ({why}): give a folder with a policy") from None
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         raise InputError(f"policy {shown(str(folder))} is not of the format {FORMAT}: give one that is")
-    inputs, layers = SIZE, int(record.get("layers", -1))
+    inputs, layers, provenance = SIZE, record.get("layers"), record.get("provenance")
+    if type(layers) is not int or not isinstance(provenance, dict):
+        raise InputError(f"policy {shown(str(folder))} does not say its layers and provenance: give another")
     for i in range(layers):
         shape = weights[f"layer{i}.weight"].shape if f"layer{i}.weight" in weights else ()
         bias = weights.get(f"layer{i}.bias", np.empty(0))
@@ -121,4 +150,10 @@ def read_policy(folder: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarra
     last = [weights.get(f"action.{part}", np.empty(0)).shape for part in ("weight", "bias")]
     if last != [(4, inputs), (4,)]:
         raise InputError(f"policy {shown(str(folder))} has other weights than it says: give another")
-    return record, weights
+    return HolePolicy({name: weights[name] for name in _names(layers)}, provenance)
+
+
+def _names(layers: int) -> list[str]:
+    """The names of the weights of so many layers and the last."""
+    linear = [*(f"layer{i}" for i in range(layers)), "action"]
+    return [f"{name}.{part}" for name in linear for part in ("weight", "bias")]

@@ -24,6 +24,10 @@ THICKNESS_RANGE = (5e-3, 20e-3)
 """Thickness of a layer in m: 3 to 10 s of drilling."""
 DRILLED_AT_MOST = 0.3
 """Depth in m that no rig reaches in the 60 s of an episode (at 5 mm/s)."""
+MOST_ERRORS = 10.0
+"""Stated errors that a rig may be off by: beyond, its damping could come to nothing."""
+FARTHEST = 3.0
+"""Standard deviations at which a draw of a constant is cut off."""
 KEYS = ("layers", "lag", "blows", "phase", "rig", "effects")
 
 
@@ -60,7 +64,7 @@ class Episode:
             "lag": round(self.lag, 4),
             "blows": self.blows,
             "phase": round(self.phase, 4),
-            "rig": {name: round(value, 6) for name, value in zip(TOLERANCES, self.rig.tolist(), strict=True)},
+            "rig": rig_record(self.rig),
             "effects": {name: dict(values) for name, values in self.effects.items()},
         }
 
@@ -68,6 +72,22 @@ class Episode:
 def rig_array(rig: Rig) -> np.ndarray:
     """(RIG_SIZE,) the constants of a rig, in the order of TOLERANCES."""
     return np.array([getattr(rig, name) for name in TOLERANCES])
+
+
+def rig_record(rig: np.ndarray) -> dict[str, float]:
+    """The constants (6,) of a rig as JSON takes them."""
+    return {name: round(value, 6) for name, value in zip(TOLERANCES, rig.tolist(), strict=True)}
+
+
+def read_rig(record: object, where: str) -> np.ndarray:
+    """(6,) the constants of a record as :func:`rig_record` makes it; ``where`` names it in messages.
+
+    Raises:
+        InputError: a constant is missing or unknown, of the wrong kind or out of range.
+    """
+    if not isinstance(record, Mapping) or set(record) != set(TOLERANCES):
+        raise InputError(f"{where}: rig is {shown(record)}: give a record with {', '.join(TOLERANCES)}")
+    return rig_array(Rig(**record))
 
 
 def read_episode(record: object, where: str) -> Episode:
@@ -85,14 +105,12 @@ def read_episode(record: object, where: str) -> Episode:
         lambda name, given: number(f"{name} thickness", given, 0.1, 1e6, "mm") * 1e-3,
         lambda name, given: count(f"{name} case", given, 0, len(ROCKS)),
     )
-    if not isinstance(record["rig"], Mapping) or set(record["rig"]) != set(TOLERANCES):
-        raise InputError(f"{where}: rig is {shown(record['rig'])}: give a record with {', '.join(TOLERANCES)}")
     return Episode(
         layers=layers,
         lag=number(f"{where} lag", record["lag"], 1e-3, 100.0, "s"),
         blows=count(f"{where} blows", record["blows"], 1, 1_000_000),
         phase=number(f"{where} phase", record["phase"], 0.0, 2 * math.pi, "rad") % (2 * math.pi),
-        rig=rig_array(Rig(**record["rig"])),
+        rig=read_rig(record["rig"], where),
         effects=read_effects(record["effects"], where),
     )
 
@@ -202,10 +220,33 @@ def _rocks_beyond(m: int, rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([kl, kl * rng.uniform(1.05, 1.6, m)])
 
 
-def draw_rig(rig: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(6,) constants drawn about those of ``rig`` with the error that a lab has on them."""
-    spread = np.array(list(TOLERANCES.values()))
-    return rig + spread * np.clip(rng.standard_normal(RIG_SIZE), -3.0, 3.0)
+def read_errors(given: float | None, usual: float, rig: np.ndarray, frozen: bool) -> float:
+    """How many stated errors the constants of ``rig`` (6,) are to be off by, ``usual`` where None is given.
+
+    Raises:
+        InputError: not a number from 0 to MOST_ERRORS, so many that a constant could come to what no rig has, or any
+            where a scenario has ``frozen`` the rigs.
+    """
+    errors = usual if given is None else number("errors", given, 0.0, MOST_ERRORS)
+    if frozen and given is not None and errors:
+        raise InputError(f"errors is {errors:g}, but scenario fixes the rigs: leave one of the two out")
+    least = rig - FARTHEST * errors * _spread()
+    try:
+        Rig(**dict(zip(TOLERANCES, least.tolist(), strict=True)))
+    except InputError as error:
+        said = str(error).partition(":")[0]
+        raise InputError(f"errors is {errors:g}, with which {said}: give fewer errors, 0 for none") from None
+    return errors
+
+
+def draw_rig(rig: np.ndarray, rng: np.random.Generator, errors: float = 1.0) -> np.ndarray:
+    """(6,) constants drawn about those of ``rig`` with ``errors`` times the error that a lab has on them."""
+    return rig + errors * _spread() * np.clip(rng.standard_normal(RIG_SIZE), -FARTHEST, FARTHEST)
+
+
+def _spread() -> np.ndarray:
+    """(6,) the error that a lab has on each constant of a rig."""
+    return np.array(list(TOLERANCES.values()))
 
 
 def draw_effect(rng: np.random.Generator) -> dict[str, dict[str, Any]]:

@@ -104,7 +104,8 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
     hidden. It is drawn from the six cases of Table 2.2 with their measured spread: one for the whole episode in
     `drillenv/Drill-v0`, layers of 5 to 20 mm in `drillenv/DrillLayers-v0`. A fresh face is soft and stiffens over 10
     to 100 impacts, as in the ten indentations of Table 2.2. `drillenv/DrillHidden-v0` also draws the rig's constants
-    with the error that a lab has on them, and one effect that the paper leaves out.
+    with the error that a lab has on them, and one effect that the paper leaves out; `errors=1.0` draws such constants,
+    and no effect, in the others.
 
     ## Episode end
 
@@ -133,6 +134,9 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
         actions: "absolute" or "increment".
         observations: "readings" or "window".
         noise: Factor on the noise of the sensors; 0 for none.
+        errors: How many stated standard errors (:data:`drillenv.rig.TOLERANCES`) the constants of the rig are off by:
+            drawn anew for each episode, normal, cut off at three standard deviations. 0 for none, at most 10; left
+            out, 1 in `DrillHidden-v0` and 0 in the others. Not with a scenario, whose rigs are frozen.
         render_mode: "human", "rgb_array" or None.
 
     Raises:
@@ -155,11 +159,13 @@ class DrillEnv(gym.Env[np.ndarray, np.ndarray]):
         actions: str = "absolute",
         observations: str = "readings",
         noise: float = 1.0,
+        errors: float | None = None,
         render_mode: str | None = None,
     ):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError(f"render_mode is {shown(render_mode)}: give one of human, rgb_array, or None")
-        self._set_up(Task(kind, rock, scenario, model, reward, actions, observations, noise), render_mode)
+        task = Task(kind, rock, scenario, model, reward, actions, observations, noise, errors)
+        self._set_up(task, render_mode)
 
     def _set_up(self, task: Task, render_mode: str | None) -> None:
         """Build the one rig of a task."""

@@ -22,6 +22,7 @@ from drillenv.env.episodes import (
     draw_rig,
     draw_rocks,
     one_rock,
+    read_errors,
     rig_array,
 )
 from drillenv.env.reward import Reward, read_reward
@@ -58,6 +59,8 @@ class Task:
         actions: "absolute" or "increment".
         observations: "readings" or "window".
         noise: Factor on the noise of the sensors.
+        errors: Stated standard errors by which the constants of the rig are off, drawn anew for each episode (see
+            :func:`drillenv.env.episodes.draw_rig`). None: as many as are usual, one of the kind "hidden", else none.
 
     Raises:
         InputError: an argument is none of these, two of them contradict each other, or the model has an effect that
@@ -74,6 +77,7 @@ class Task:
         actions: str = "absolute",
         observations: str = "readings",
         noise: float = 1.0,
+        errors: float | None = None,
     ):
         self.kind = choice("kind", kind, KINDS)
         self.rock: tuple[Rock, int] | None = None if rock is None else _rock(rock)
@@ -93,6 +97,8 @@ class Task:
         self.window: bool = choice("observations", observations, OBSERVATIONS) == "window"
         self.noise: float = number("noise", noise, 0.0, 100.0)
         self.rig: np.ndarray = rig_array(self.corrected.rig)
+        usual = 1.0 if self.kind == "hidden" else 0.0
+        self.errors: float = read_errors(errors, usual, self.rig, self.scenario is not None)
         self.effects: dict[str, dict[str, Any]] = {chosen.effect.name: chosen.given for chosen in moving}
 
     rest: np.ndarray = np.array([0.0, 0.0, -1.0], dtype=np.float32)
@@ -156,7 +162,7 @@ class Task:
             lag=float(rng.uniform(*LAG_RANGE)),
             blows=int(rng.integers(BLOWS_RANGE[0], BLOWS_RANGE[1] + 1)),
             phase=float(rng.uniform(0.0, 2 * math.pi)),
-            rig=draw_rig(self.rig, rng) if hidden else self.rig,
+            rig=draw_rig(self.rig, rng, self.errors) if self.errors else self.rig,
             effects=draw_effect(rng) if hidden and not self.effects else self.effects,
         )
 

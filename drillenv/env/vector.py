@@ -30,7 +30,8 @@ class DrillVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ``infos["final_info"]``) or "Disabled" (reset it with ``options={"reset_mask": ...}``).
         threads: Number of threads, by default as many as cores are allowed.
         render_mode: Must be None: render one rig of DrillEnv instead.
-        task: The arguments of DrillEnv: kind, rock, scenario, model, reward, actions, observations, noise.
+        task: The arguments of DrillEnv: kind, rock, scenario, model, reward, actions, observations, noise,
+            errors.
 
     Raises:
         InputError: an argument is not what it should be.

@@ -8,7 +8,7 @@ import pytest
 
 from drillenv.checks import InputError
 from drillenv.controllers.hole.belief import SIZE, WEAR, Belief
-from drillenv.controllers.hole.learned import HoleLearned, actions_of, read_policy, write_policy
+from drillenv.controllers.hole.learned import HoleLearned, HolePolicy, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.planning import BITS, drilled, physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
@@ -176,13 +176,13 @@ def policy(folder, **changes):
         "action.weight": rng.standard_normal((4, 8)),
         "action.bias": rng.standard_normal(4),
     } | changes
-    write_policy(folder, {name: value for name, value in weights.items() if value is not None}, {"seed": 0})
+    write_policy(folder, HolePolicy({name: value for name, value in weights.items() if value is not None}, {"seed": 0}))
     return folder
 
 
 def test_a_policy_acts_as_its_network(tmp_path):
     learned = HoleLearned(policy(tmp_path / "p"))
-    _, weights = read_policy(tmp_path / "p")
+    weights = read_policy(tmp_path / "p").weights
     observations = np.random.default_rng(1).uniform(0, 3, (3, 20)).astype(np.float32)
     learned.reset()
     belief = Belief(1)

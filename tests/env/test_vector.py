@@ -93,7 +93,8 @@ def test_vector_is_scalar_over_a_thousand_steps(identity, mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
-    "arguments", [{}, {"depth": 0.1}, {"depth": 1.0, "lost_bit_ends": True, "actions": "increment"}]
+    "arguments",
+    [{}, {"depth": 0.1}, {"depth": 1.0, "lost_bit_ends": True, "actions": "increment"}, {"depth": 0.1, "errors": 2.0}],
 )
 def test_vector_is_scalar_where_a_hole_is_drilled(arguments, mode):
     assert run_both("drillenv/DrillBit-v0", 3, mode, 300, max_episode_steps=29, **arguments) > 20
@@ -119,7 +120,9 @@ def test_vector_is_scalar_in_every_mode(actions, observations, mode):
     assert run_both("drillenv/DrillLayers-v0", 3, mode, 40, **arguments) > 10
 
 
-@pytest.mark.parametrize("arguments", [{"rock": 5}, {"scenario": "test"}, {"noise": 0.0, "reward": {"force": 1.0}}])
+@pytest.mark.parametrize(
+    "arguments", [{"rock": 5}, {"scenario": "test"}, {"noise": 0.0, "reward": {"force": 1.0}}, {"errors": 3.0}]
+)
 def test_vector_is_scalar_with_other_arguments(arguments):
     assert run_both("drillenv/DrillLayers-v0", 2, "SameStep", 40, max_episode_steps=5, **arguments) > 10
 

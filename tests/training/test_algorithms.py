@@ -105,6 +105,21 @@ def test_arguments_of_the_environment(tmp_path):
         assert provenance["score"] == pytest.approx(made.scores.mean(), rel=1e-3)
 
 
+def test_wrong_constants_are_trained_and_evaluated_on(tmp_path):
+    """A frozen set has rigs of its own, so that the evaluation draws its episodes too."""
+    given = ["--env", "drillenv/Drill-v0", "--env-kwargs", '{"errors": 2.0, "max_episode_steps": 12}', "--quiet"]
+    small = ["--envs", "2", "--rollout", "16", "--batch", "16", "--episodes", "2", "--evaluate-every", "32"]
+    out = tmp_path / "run"
+    assert cli.main(["train", "--out", str(out), "--timesteps", "32", "--threads", "1", *given, *small]) == 0
+    provenance = read_policy(out / "last").provenance
+    assert provenance["scenario"] == "as in training"
+    made = rollout(
+        lambda: controllers.make("learned", policy=out / "last"), "Drill", None, 2, 12,
+        arguments={"errors": 2.0}, first_seed=10**6,
+    )  # fmt: skip
+    assert provenance["score"] == pytest.approx(made.scores.mean(), rel=1e-3)
+
+
 BAD = {
     "no JSON": (["--env-kwargs", "rock=4"], "is no record of JSON"),
     "a list": (["--env-kwargs", "[4]"], "is no record of JSON"),

@@ -7,11 +7,20 @@ import numpy as np
 import pytest
 import torch
 
+from drillenv import cli
 from drillenv.controllers.hole.belief import CENTRE, Belief
-from drillenv.controllers.hole.learned import HoleLearned, actions_of
+from drillenv.controllers.hole.learned import HoleLearned, HolePolicy, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
-from drillenv.training import hole_headroom, hole_ppo, hole_search
+from drillenv.env.registration import HOLES
+from drillenv.training import believing, hole_headroom, hole_search, train
+from drillenv.training.export import exported, read_config, weights_of
+from drillenv.training.learner import Learner
+from drillenv.training.recipe import Recipe
 from drillenv.training.sb3 import DrillVecEnv
+
+SMALL = {"env": "drillenv/DrillBit-v0", "algo": "ppo", "envs": 2, "rollout": 8, "batch": 16, "epochs": 2, "episodes": 2}
+HOLE = {"max_episode_steps": 12}
+"""So short that episodes end between updates."""
 
 
 @pytest.mark.parametrize("make", [HoleFixed, HoleRules])
@@ -38,36 +47,114 @@ def test_a_search_finds_no_worse_and_keeps_it(tmp_path, capsys):
     assert again == pytest.approx(best["cost"])
 
 
-@pytest.mark.slow
-def test_ppo_writes_what_it_plays(tmp_path, capsys):
-    points = hole_ppo.train(tmp_path / "p", 2 * 64 * 128, seed=1, gamma=0.99, threads=1)
-    assert len(points) == 1 and points[0][0] == 2 * 64 * 128
-    assert json.loads((tmp_path / "p" / "curve.json").read_text()) == points
-    again = hole_search.costs_per_metre(HoleLearned(tmp_path / "p"), "validation", 30).mean()
-    assert again == pytest.approx(points[0][1])
+def test_training_gives_policies_and_what_they_cost(tmp_path, capsys):
+    options = [
+        "--quiet",
+        "--threads",
+        "1",
+        "--timesteps",
+        "48",
+        "--evaluate-every",
+        "16",
+        "--env-kwargs",
+        json.dumps(HOLE),
+    ]
+    given = [word for name, value in SMALL.items() for word in (f"--{name}", str(value))]
+    out = tmp_path / "run"
+    assert cli.main(["train", "--out", str(out), *given, *options]) == 0
+    result = json.loads((out / "result.json").read_text())
+    assert [steps for steps, _ in result["scores"]] == [16, 32, 48]
+    assert result["best_score"] == min(cost for _, cost in result["scores"])
+    assert f"{result['best_score']:.4f} EUR/m after" in capsys.readouterr().out
+    for which, cost in (("best", result["best_score"]), ("last", result["score"])):
+        again = hole_search.costs_per_metre(HoleLearned(out / which), "validation", 2, steps=12).mean()
+        assert again == pytest.approx(cost)
+        said = read_policy(out / which).provenance
+        assert said["score"] == pytest.approx(cost) and said["score_unit"] == "EUR/m"
+        assert said["scenario"] == "validation" and said["algorithm"] == "ppo" and said["gamma"] == 0.99
+        policy = exported(out, which)
+        assert isinstance(policy, HolePolicy) and policy.layers == 2
+    assert cli.main(["export", "--run", str(out), "--out", str(tmp_path / "policy")]) == 0
+    assert read_policy(tmp_path / "policy").provenance["steps"] == result["best_steps"]
+    assert not list(out.glob("*.zip"))
+
+
+def test_a_run_on_holes_goes_on_exactly(tmp_path):
+    recipe = Recipe(**SMALL, evaluate_every=64, seed=7, env_kwargs=HOLE)
+    train.train(recipe, 96, tmp_path / "whole", threads=1, quiet=True)
+    train.train(recipe, 48, tmp_path / "halves", threads=1, quiet=True)
+    train.train(recipe, 96, tmp_path / "halves", resume=True, threads=2, quiet=True)
+    for file in ("policy.safetensors", "optimizer.safetensors"):
+        ends = [tmp_path / run / "checkpoints" / f"{96:012d}" / file for run in ("whole", "halves")]
+        assert ends[0].read_bytes() == ends[1].read_bytes()
+
+
+def test_training_has_a_price_of_its_own_and_the_numbers_of_a_hole():
+    recipe = Recipe(env="drillenv/DrillBit-v0", algo="ppo")
+    assert (recipe.prepared, recipe.envs, recipe.rollout, recipe.batch, recipe.epochs) == (True, 64, 128, 2048, 5)
+    assert (recipe.gamma, recipe.gae_lambda, recipe.learning_rate, recipe.ahead) == (0.99, 0.95, 1e-3, 0)
+    assert recipe.timesteps == recipe.anneal == 4_000_000
+    learner = Learner(Recipe(**SMALL), threads=1)
+    task = learner.rigs.rigs.task
+    assert task.costs.metre == believing.METRE and task.costs.bit == 80.0  # type: ignore[attr-defined]
+    outputs = learner.model.policy.action_net.bias.detach().numpy()
+    assert outputs == pytest.approx(believing.BEGIN) and learner.model.policy.log_std.requires_grad
+    own = Learner(Recipe(**SMALL, env_kwargs={"costs": {"metre": 300.0, "bit": 9.0}}), threads=1)
+    assert own.rigs.rigs.task.costs.metre == 300.0  # type: ignore[attr-defined]
+    for each in (learner, own):
+        each.close()
+
+
+def test_holes_without_a_frozen_set_are_drawn_for_the_evaluation(tmp_path):
+    recipe = Recipe(**SMALL | {"env": "drillenv/DrillBitShort-v0"}, evaluate_every=16, env_kwargs=HOLE)
+    result = train.train(recipe, 16, tmp_path / "run", threads=1, quiet=True)
+    said = read_policy(tmp_path / "run" / "last").provenance
+    assert said["scenario"] == "as in training"
+    drawn = hole_search.costs_per_metre(
+        HoleLearned(tmp_path / "run" / "last"), None, 2, arguments=HOLES["DrillBitShort"], steps=12, first_seed=10**6
+    )
+    assert drawn.mean() == pytest.approx(result["score"])
+    assert read_config(tmp_path / "run")[0] == recipe
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ([], "which only ppo on prepared rigs learns: give ppo for algo"),
+        (["--algo", "sac"], "which only ppo on prepared rigs learns"),
+        (["--algo", "ppo", "--no-prepared"], "which only ppo on prepared rigs learns"),
+        (["--algo", "ppo", "--stack", "3"], "stack and activation are those of policies for holes"),
+        (["--algo", "ppo", "--activation", "relu"], "stack and activation are those of policies for holes"),
+        (["--algo", "ppo", "--noise", "0.1", "0.1", "0.1"], "--noise has no use with drillenv/DrillBit-v0"),
+        (["--algo", "ppo", "--env-kwargs", '{"rock": 4}'], "env_kwargs do not fit drillenv/DrillBit-v0"),
+        (["--algo", "ppo", "--env-kwargs", '{"costs": 3}'], "costs is 3"),
+    ],
+)
+def test_what_cannot_be_trained_on_holes(given, says, tmp_path, capsys):
+    assert cli.main(["train", "--out", str(tmp_path / "run"), "--env", "drillenv/DrillBit-v0", *given]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_an_untrained_policy_on_numpy_is_the_one_of_the_library(tmp_path):
-    from stable_baselines3 import PPO
-
-    rigs = hole_ppo.Believing(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1))
-    model = PPO("MlpPolicy", rigs, policy_kwargs={"net_arch": [16, 8]}, seed=0, device="cpu")
-    hole_ppo.write_policy(tmp_path / "p", hole_ppo.weights_of(model), {})
+    learner = Learner(Recipe(**SMALL, layers=(16, 8)), threads=1)
+    write_policy(tmp_path / "p", HolePolicy(weights_of(learner.parameters(), learner.recipe)))
     learned = HoleLearned(tmp_path / "p")
-    seen = rigs.reset()
+    seen = learner.stacked.reset()
     rng = np.random.default_rng(0)
     for _ in range(5):
-        raw = rigs.venv.rigs._observations.copy()  # type: ignore[union-attr]
+        raw = learner.rigs.rigs._observations.copy()
         with torch.no_grad():
-            outputs = model.predict(seen, deterministic=True)[0]
+            outputs = learner.model.predict(seen, deterministic=True)[0]
         assert learned.act(raw, {}) == pytest.approx(actions_of(outputs, seen), abs=1e-5)
-        seen = rigs.step(rng.uniform(-1, 1, (2, 4)))[0]
+        seen = learner.stacked.step(rng.uniform(-1, 1, (2, 4)))[0]
+    learner.close()
 
 
 def test_a_hole_that_is_over_is_forgotten_and_its_end_kept():
-    rigs = hole_ppo.Believing(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1, max_episode_steps=3))
+    rigs = believing.Believing(DrillVecEnv("drillenv/DrillBit-v0", 2, threads=1, max_episode_steps=3))
     rigs.reset()
-    action = np.array([hole_ppo.BEGIN, hole_ppo.BEGIN])
+    action = np.array([believing.BEGIN, believing.BEGIN])
     for _ in range(2):
         known, _, dones, infos = rigs.step(action)
         assert not dones.any()
@@ -86,9 +173,10 @@ def test_the_table_of_a_record():
         for name, c in (("oracle", 1.0), ("rules", 2.0))
     }
     record = {"rows": rows}
-    found = hole_headroom.shares(record)
-    assert found["oracle"] == pytest.approx([1.0, 1.0, 1.0])
-    assert found["rules"] == pytest.approx([0.5, 0.5, 0.5])
+    found = hole_headroom.summary(record)
+    assert found["oracle"]["share"] == pytest.approx([1.0, 1.0, 1.0])
+    assert found["rules"]["share"] == pytest.approx([0.5, 0.5, 0.5])
+    assert found["rules"]["cost"] == pytest.approx([3.0, 2.0, 4.0])  # two holes, of 2 and of 4 EUR/m
     text = hole_headroom.table(record)
     assert text.index("| oracle |") < text.index("| rules |")
 

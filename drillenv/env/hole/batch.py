@@ -19,7 +19,7 @@ from drillenv.dynamics.flow import FREE, STIFFNESS, set_plant
 from drillenv.env import plant
 from drillenv.env.batch import Batch, set_from_action
 from drillenv.env.core import motion_name
-from drillenv.env.episodes import START, rig_array
+from drillenv.env.episodes import START
 from drillenv.env.hole import shaker
 from drillenv.env.hole.bit import stiffening, wear_of
 from drillenv.env.hole.costs import BIT as BIT_PRICE
@@ -34,6 +34,7 @@ from drillenv.env.hole.readings import (
     BROKEN,
     CHANGED,
     DEPTH,
+    GAIN,
     HOLE_SIZE,
     LAYER,
     OWED,
@@ -65,7 +66,6 @@ from drillenv.env.truth import (
     TRUTH,
     summarise,
 )
-from drillenv.rig import Rig
 
 if TYPE_CHECKING:
     from drillenv.env.hole.task import HoleTask
@@ -219,7 +219,8 @@ def step_holes(
             fit_bit(hole, costs[BIT_PRICE], costs[CHANGE_TIME])
         set_from_action(actions[i], increment, plants.memories[i], setting)
         setting[1] = min(setting[1], shaker.largest_amplitude(setting[0], limits.amplifier))
-        plants.rigs[i, plant.RIG_DRIVE] = shaker.share_transmitted(setting[0], hole[RESONANCE], limits.frame)
+        share = shaker.share_transmitted(setting[0], hole[RESONANCE], limits.frame)
+        plants.rigs[i, plant.RIG_DRIVE] = hole[GAIN] * share
         meet_rock(plants, i, hole, layers, limits)
         turns = plants.states[i, TURNS] + plants.states[i, THETA] / TURN
         drill(plants, i, setting, sums, peaks, windows[i], scratch)
@@ -272,7 +273,7 @@ class HoleBatch(Batch):
         """Put rig i over a hole that is not begun, at rest on its first layer."""
         self.terminated[i] = False
         plants, holes = self.plants, self.holes
-        plants.rigs[i] = rig_array(Rig())
+        plants.rigs[i] = episode.rig
         top = episode.layers[0]
         plants.layers[i] = top[LAYER_KL], top[LAYER_KU], np.inf, 0.0
         memory = plants.memories[i]
@@ -288,7 +289,7 @@ class HoleBatch(Batch):
         hole = holes.states[i]
         hole[:] = 0.0
         hole[TARGET], hole[RESONANCE], hole[ABRASIVITY] = episode.depth, episode.resonance, top[LAYER_ABRASIVITY]
-        hole[OWED] = self._costs[BIT_PRICE]
+        hole[OWED], hole[GAIN] = self._costs[BIT_PRICE], episode.rig[plant.RIG_DRIVE]
 
     def _step_rigs(self, first: int, last: int, which, actions, increment: bool, noise) -> None:
         step_holes(

@@ -93,6 +93,8 @@ class DrillBitEnv(DrillEnv):
         lost_bit_ends: Whether a bit that breaks ends the episode.
         actions: "absolute" or "increment"; the fourth is absolute always.
         noise: Factor on the noise of the sensors; 0 for none.
+        errors: How many stated standard errors the constants of the rig are off by, drawn anew for each hole as in
+            :class:`drillenv.env.scalar.DrillEnv`; none where left out. Not with a scenario.
         render_mode: None; these environments are not drawn yet.
 
     Raises:
@@ -114,11 +116,12 @@ class DrillBitEnv(DrillEnv):
         lost_bit_ends: bool = False,
         actions: str = "absolute",
         noise: float = 1.0,
+        errors: float | None = None,
         render_mode: str | None = None,
     ):
         if render_mode is not None:
             raise InputError(f"render_mode is {shown(render_mode)}: DrillBit is not drawn, leave render_mode out")
-        self._set_up(HoleTask(depth, scenario, costs, without, lost_bit_ends, actions, noise), None)
+        self._set_up(HoleTask(depth, scenario, costs, without, lost_bit_ends, actions, noise, errors), None)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Drill for 15 s, after a change of the bit where the action asks for it.
@@ -144,7 +147,7 @@ class DrillBitVectorEnv(DrillVectorEnv):
     Args:
         num_envs, max_episode_steps, autoreset_mode, threads, render_mode: As for
             :class:`drillenv.env.vector.DrillVectorEnv`.
-        task: The arguments of DrillBitEnv: depth, scenario, costs, without, lost_bit_ends, actions, noise.
+        task: The arguments of DrillBitEnv: depth, scenario, costs, without, lost_bit_ends, actions, noise, errors.
     """
 
     def _task(self, arguments: dict[str, Any]) -> HoleTask:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from drillenv.checks import InputError, number, shown
-from drillenv.env.episodes import draw_rocks, read_layers
+from drillenv.env.episodes import draw_rocks, read_layers, read_rig, rig_array, rig_record
 from drillenv.env.hole.bit import ABRASIVITY_RANGE, draw_strengths
 from drillenv.env.hole.shaker import RESONANCE_RANGE
 from drillenv.env.plant import MOST_LAYERS
+from drillenv.rig import Rig
 from drillenv.rocks import ROCKS
 
 DEPTH, SHORT_DEPTH = 4.0, 1.0
@@ -27,6 +28,7 @@ the spread of Table 2.2, one to three in a hundred have less."""
 MOST_BITS = 64
 """Strengths that an episode keeps; the bits after these begin with the first again."""
 KEYS = ("depth", "layers", "resonance", "strengths", "phase")
+"""What a record has; it may have a "rig" too, where that is not the paper's."""
 LAYER_KL, LAYER_KU, LAYER_END, LAYER_ABRASIVITY = range(4)
 
 
@@ -41,6 +43,7 @@ class Hole:
         resonance: Of the frame, in Hz.
         strengths: (MOST_BITS,) wear at which each bit breaks.
         phase: Of the excitation at the start, in rad.
+        rig: (6,) m1, m2, k, c, drive and pressure gain.
     """
 
     depth: float
@@ -48,12 +51,13 @@ class Hole:
     resonance: float
     strengths: np.ndarray
     phase: float
+    rig: np.ndarray = field(default_factory=lambda: rig_array(Rig()))
 
     def as_record(self) -> dict[str, Any]:
         """The hole as JSON takes it: stiffnesses in MN/m, thicknesses in m."""
         tops = np.concatenate([[0.0], self.layers[:-1, LAYER_END]])
         thickness = self.layers[:, LAYER_END] - tops
-        return {
+        record = {
             "depth": round(self.depth, 4),
             "layers": [
                 [round(kl / 1e6, 4), round(ku / 1e6, 4), round(m, 4) if math.isfinite(m) else None, round(abrasive, 4)]
@@ -63,6 +67,7 @@ class Hole:
             "strengths": [round(each, 4) for each in self.strengths.tolist()],
             "phase": round(self.phase, 4),
         }
+        return record if np.array_equal(self.rig, rig_array(Rig())) else {**record, "rig": rig_record(self.rig)}
 
 
 def draw_hole(depth: float, rng: np.random.Generator) -> Hole:
@@ -96,8 +101,10 @@ def read_hole(record: object, where: str) -> Hole:
     Raises:
         InputError: a key is missing or unknown, or a value is of the wrong kind or out of range.
     """
-    if not isinstance(record, Mapping) or set(record) != set(KEYS):
-        raise InputError(f"{where} is {shown(record)}: give a record with {', '.join(KEYS)}")
+    if not isinstance(record, Mapping) or set(record) - {"rig"} != set(KEYS):
+        raise InputError(
+            f"{where} is {shown(record)}: give a record with {', '.join(KEYS)}, and rig where it is another"
+        )
     strengths = record["strengths"]
     if not isinstance(strengths, list) or len(strengths) != MOST_BITS:
         raise InputError(f"{where}: strengths is {shown(strengths)}: give a list of {MOST_BITS} numbers")
@@ -113,4 +120,5 @@ def read_hole(record: object, where: str) -> Hole:
         resonance=number(f"{where} resonance", record["resonance"], 1.0, 1e3, "Hz"),
         strengths=np.array([number(f"{where} strength", each, 1e-3, 1e3) for each in strengths]),
         phase=number(f"{where} phase", record["phase"], 0.0, 2 * math.pi, "rad") % (2 * math.pi),
+        rig=read_rig(record["rig"], where) if "rig" in record else rig_array(Rig()),
     )

@@ -32,12 +32,14 @@ from drillenv.env.observation import Reading
     TRIPPED,
     BEGUN,
     OWED,
-) = range(20)
-HOLE_SIZE = 20
+    GAIN,
+) = range(21)
+HOLE_SIZE = 21
 """Depth and depth to be reached in m; wear of the bit; rise of the coil in K; number of the bit, from 0; time in s and
 money in EUR since the start; depth in m at which the bit was fitted, and the blows it has made; layer, its abrasivity;
 the frame's resonance in Hz; what the last step drilled in m, spent in EUR and took in s; how often, so far, the bit was
-changed, broke, and the coil tripped; whether drilling has begun; what is owed for the first bit in EUR."""
+changed, broke, and the coil tripped; whether drilling has begun; what is owed for the first bit in EUR; drive gain of
+the rig without its frame."""
 SHOWN = {
     "hole_depth": DEPTH,
     "target_depth": TARGET,

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from drillenv.checks import InputError, choice, number, shown
+from drillenv.env.episodes import draw_rig, read_errors, rig_array
 from drillenv.env.hole import shaker
 from drillenv.env.hole.costs import Costs, read_costs
 from drillenv.env.hole.episodes import DEEPEST, DEPTH, LAYER_ABRASIVITY, LAYER_END, Hole, draw_hole
@@ -18,6 +19,7 @@ from drillenv.env.hole.readings import HIGH, LOW
 from drillenv.env.reward import Reward
 from drillenv.env.scenarios import Scenario, read_scenario
 from drillenv.env.task import ACTIONS, Task
+from drillenv.rig import Rig
 
 if TYPE_CHECKING:
     from drillenv.env.hole.batch import HoleBatch
@@ -38,9 +40,10 @@ class HoleTask(Task):
         lost_bit_ends: Whether an episode ends when a bit breaks, as in the short variant; else the bit is fished.
         actions: "absolute" or "increment".
         noise: Factor on the noise of the sensors.
+        errors: Stated standard errors by which the constants of the rig are off, drawn anew for each hole.
 
     Raises:
-        InputError: an argument is none of these, or scenario and depth are both given.
+        InputError: an argument is none of these, or scenario is given with depth or errors.
     """
 
     rest: np.ndarray = np.array([0.0, 0.0, -1.0, -1.0], dtype=np.float32)
@@ -54,6 +57,7 @@ class HoleTask(Task):
         lost_bit_ends: bool = False,
         actions: str = "absolute",
         noise: float = 1.0,
+        errors: float | None = None,
     ):
         self.kind = "hole"
         self.scenario: Scenario | None = None
@@ -73,6 +77,8 @@ class HoleTask(Task):
         self.window = False
         self.noise: float = number("noise", noise, 0.0, 100.0)
         self.reward = Reward()
+        self.rig: np.ndarray = rig_array(Rig())
+        self.errors: float = read_errors(errors, 0.0, self.rig, self.scenario is not None)
 
     @property
     def action_space(self) -> Box:
@@ -95,7 +101,8 @@ class HoleTask(Task):
         if self.scenario is not None:
             holes = self.scenario.episodes[self.kind]
             return self.ablated(holes[int(rng.integers(len(holes))) if chosen is None else chosen])
-        return self.ablated(draw_hole(self.depth, rng))
+        hole = draw_hole(self.depth, rng)
+        return self.ablated(replace(hole, rig=draw_rig(self.rig, rng, self.errors)) if self.errors else hole)
 
     def ablated(self, hole: Hole) -> Hole:
         """The hole without the terms that lie in it and are left out."""
