@@ -182,22 +182,11 @@ class BodyReport:
         pairs = zip(constants, self.final.values, strict=False)
         return [each.name for each, value in pairs if abs(value - each.value) > SEVERAL * each.std]
 
-    def spread(self, fitted: Fitted) -> Floats:
-        """Standard deviations of all parameters, those by how they differ between stretches if these are larger.
-
-        The latter by the sandwich, clustered by stretches (H. White, Econometrica 50 (1982) 1-25).
-        """
-        widths = np.array([each.width for each in fitted.structure.unknowns])
-        gradients = np.array([part.by_shared for part in fitted.fit.parts])
-        moved = gradients @ fitted.fit.covariance
-        clustered = len(moved) / (len(moved) - 1) * np.sum(moved**2, axis=0)
-        return np.maximum(deviations(fitted), np.sqrt(clustered) * widths)
-
     @cached_property
     def constants(self) -> dict[str, Any]:
         """Every constant of the law, fitted."""
         fitted, entry = self.stating, self.campaign.nominal["mass"]
-        spread, found = self.spread(fitted), {}
+        spread, found = deviations(fitted), {}
         for each, value, std in zip(self.plain.structure.terms[0].unknowns, fitted.values, spread, strict=False):
             found[each.name] = quantity(float(value), math.hypot(std, self.loose * value), UNITS[each.name])
         if entry.value is not None and "mass" not in found:
@@ -423,7 +412,7 @@ class BodyReport:
     def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
         """Parameters of an equation in a fit."""
         found = {}
-        for symbol, each in parameters_of(fitted, equation, self.spread(fitted)).items():
+        for symbol, each in parameters_of(fitted, equation, deviations(fitted)).items():
             std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
             found[symbol] = quantity(each["value"], std, each["unit"])
         return found
@@ -442,7 +431,7 @@ class BodyReport:
     def lag_of(self, fitted: Fitted) -> tuple[float, float]:
         """s, the lag of a fit, and its standard deviation."""
         i = [each.name for each in fitted.structure.unknowns].index("timing")
-        return float(fitted.values[i]), float(self.spread(fitted)[i])
+        return float(fitted.values[i]), float(deviations(fitted)[i])
 
     def rejected(self) -> list[dict[str, Any]]:
         """What was considered, and why it is not the answer."""

@@ -47,9 +47,9 @@ KNOTS = 40
 
 
 def deviations(fitted: Fitted) -> Floats:
-    """Standard deviations of all parameters, in their units, over-dispersion included."""
+    """Standard deviations of all parameters, in their units."""
     widths = np.array([each.width for each in fitted.structure.unknowns])
-    return np.sqrt(np.diag(fitted.fit.covariance) * max(1.0, fitted.per_freedom)) * widths
+    return np.sqrt(np.diag(fitted.covariance)) * widths
 
 
 def constants_found(outcome: Outcome) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:
     """What a sensor's free law comes to, in numbers."""
     inside = indices_of(final, [term])
     widths = np.array([each.width for each in term.unknowns])
-    covariance = final.fit.covariance[np.ix_(inside, inside)] * np.outer(widths, widths) * max(1.0, final.per_freedom)
+    covariance = final.covariance[np.ix_(inside, inside)] * np.outer(widths, widths)
     return {name: quantity(*each) for name, each in term.summed_up(final.values[inside], covariance).items()}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, minimise
+from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, eliminated, minimise
 from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
@@ -72,6 +72,20 @@ class Fitted:
     def per_freedom(self) -> float:
         """Reduced chi-square."""
         return 2.0 * self.cost / self.freedom
+
+    @property
+    def covariance(self) -> Floats:
+        """(k, k) of the parameters in the solver's units, with which they are stated.
+
+        With over-dispersion, and standard deviations no smaller than recordings differ by: those of the sandwich,
+        clustered by recordings (H. White, Econometrica 50 (1982) 1-25).
+        """
+        found = self.fit.covariance
+        moved = np.array([eliminated(part, 0.0)[0] for part in self.fit.parts]) @ found
+        count = len(moved)
+        clustered = np.sum(moved**2, axis=0) * count / max(count - 1, 1)
+        over = np.maximum(clustered / np.maximum(np.diag(found), 1e-300), max(1.0, self.per_freedom))
+        return found * np.sqrt(np.outer(over, over))
 
     def values_of(self, name: str) -> Floats:
         """Parameters of a term."""

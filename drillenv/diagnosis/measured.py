@@ -287,7 +287,7 @@ def with_spread(
     at = fitted.fit.shared[inside]
     y = curve(at)
     slopes = np.array([(curve(at + move) - y) / step for move in step * np.eye(at.size)])
-    covariance = fitted.fit.covariance[np.ix_(inside, inside)] * max(1.0, fitted.per_freedom)
+    covariance = fitted.covariance[np.ix_(inside, inside)]
     return y, np.sqrt(np.maximum(np.einsum("ix,ij,jx->x", slopes, covariance, slopes), 0.0))
 
 
@@ -409,7 +409,7 @@ def hum_spectrum(fitted: Fitted, term: Added) -> dict[str, Any]:
     """
     frequency = term.frequency_of(fitted.values_of(term.name))
     inside = indices_of(fitted, [term])
-    spread = np.sqrt(np.diag(fitted.fit.covariance)[inside] * max(1.0, fitted.per_freedom))
+    spread = np.sqrt(np.diag(fitted.covariance)[inside])
     widths = np.array([each.width for each in term.unknowns])
     sizes, stds = term.waves(fitted.values_of(term.name)), term.waves(spread * widths)
     found = {
