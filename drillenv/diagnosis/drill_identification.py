@@ -17,11 +17,11 @@ from drillenv.diagnosis.laws import (
     LOGARITHMS,
     NUMBERS,
     STRAIGHT,
-    Begun,
     Curve,
     Equation,
     Family,
     Gain,
+    StrengthOnly,
     equations,
 )
 from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, response, textbook_sensors
@@ -175,7 +175,7 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
     """Places of a family's curves, and the numbers of the model that it changes."""
     places = [term.place for term in family.terms if isinstance(term, Curve)]
     places += [
-        place for term in family.terms if isinstance(term, Begun) for place in acts_at(term.effect, term.form)[0]
+        place for term in family.terms if isinstance(term, StrengthOnly) for place in acts_at(term.effect, term.form)[0]
     ]
     numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
     return places, [*WITH_STATES.get(family.group, numbers)]

@@ -185,8 +185,8 @@ class Equation(Term):
 
 
 @dataclass(frozen=True)
-class Begun(Equation):
-    """An equation of which the first parameter is free and all others are as at its first start."""
+class StrengthOnly(Equation):
+    """An equation whose first parameter is free, its strength; all others are as at its first start."""
 
     def parameters(self, values: Floats) -> tuple[float, ...]:
         """All of the effect's, by their order."""
@@ -456,7 +456,7 @@ def _giving() -> list[Family]:
         giving = [each for each in equations([place], []) if each.has_states]
         simplest = min(giving, key=lambda each: len(each.unknowns))
         strength = simplest.unknowns[0]._replace(value=LEAST_FRICTION)
-        term = Begun(f"{simplest.name} begun", (strength,), simplest.effect, simplest.form, True)
+        term = StrengthOnly(f"{simplest.name}, strength only", (strength,), simplest.effect, simplest.form, True)
         found.append(Family(f"{group} that gives", group, (term,)))
     return found
 

@@ -175,34 +175,28 @@ def unloaded(model: Model, axes: Axes, ends: tuple[float, float]) -> float:
     return float(x[0] - found.x[0] * reach)
 
 
-def _spring(
-    axes: Axes,
-    ends: tuple[float, float],
-    place: int,
-    zero: float,
-    argument: str,
-    coordinate: Callable[[Motion], Floats],
-) -> Shown:
-    """Force over the shortening, or that beyond the one at rest, counted from ``zero``; see :func:`unloaded`."""
+def _coupling(model: Model, axes: Axes, group: str, ends: tuple[float, float]) -> Shown:
+    """A free law of the coupling's spring or of its play, counted from where the spring has no force or is as stated.
+
+    See :func:`unloaded`; play is at one end of its range, and none at the other.
+    """
+    place, argument, argument_unit, unit, seen = PLAIN[group]
+    if place == SPRING:
+        zero = unloaded(model, axes, ends)
+    else:
+        low = np.linspace(*ends, POINTS)[: POINTS // LOW_END]
+        zero = -float(_at(model, axes, place, low).mean() / model.s[V.K])
     x = np.linspace(*ends, POINTS) - zero
 
     def y(model: Model) -> Floats:
         return _at(model, axes, place, x + zero) + model.s[V.K] * zero
 
-    def seen(motion: Motion) -> tuple[Floats, Floats]:
-        return coordinate(motion) - zero, motion.push
+    def seen_there(motion: Motion) -> tuple[Floats, Floats]:
+        assert seen is not None
+        at, left = seen(motion)
+        return at - zero, left
 
-    return Shown(argument, "m", "N", x, y, seen, straight=True)
-
-
-def _coupling(model: Model, axes: Axes, place: int, ends: tuple[float, float]) -> Shown:
-    """What a free law of the coupling's spring says, as it has no force where nothing is shortened."""
-    if place == SPRING:
-        zero = unloaded(model, axes, ends)
-        return _spring(axes, ends, place, zero, "shortening of the coupling", lambda m: m.path[V.Y])
-    low = _at(model, axes, place, np.linspace(*ends, POINTS)[: POINTS // LOW_END]).mean()
-    zero = -float(low / model.s[V.K])
-    return _spring(axes, ends, place, zero, "shortening beyond that at rest", lambda m: from_rest(m.path[V.Y], m.model))
+    return Shown(argument, argument_unit, unit, x, y, seen_there, straight=True)
 
 
 def _play_of(motion: Motion) -> tuple[Floats, Floats]:
@@ -235,8 +229,7 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
     axes = fitted.structure.axes
     if family.group in ("spring", "play") and isinstance(terms[0], Curve):
         model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
-        place = SPRING if family.group == "spring" else SPRING_FROM_REST
-        return _coupling(model, axes, place, _ends(visited.axes, place))
+        return _coupling(model, axes, family.group, _ends(visited.axes, PLAIN[family.group][0]))
     if family.group in PLAIN:
         return _plain(axes, _ends(visited.axes, PLAIN[family.group][0]), *PLAIN[family.group])
     if family.group == "contact law":

@@ -44,7 +44,7 @@ def test_play_is_counted_from_where_the_spring_is_as_stated():
 
     shift = 1e-4
     model = model_of(SPRING_FROM_REST, law, shift)
-    shown = _coupling(model, AXES, SPRING_FROM_REST, (-4e-4, 4e-4))
+    shown = _coupling(model, AXES, "play", (-4e-4, 4e-4))
     assert shown.x.size == POINTS
     np.testing.assert_allclose(shown.y(model), law(shown.x), atol=0.02 * STIFFNESS * 3e-4)
 
