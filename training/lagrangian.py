@@ -1,0 +1,60 @@
+"""A budget of force above the rating, kept to by a multiplier: rewards less what that force costs at it.
+
+The multiplier is found by dual ascent: after each rollout it moves by what the mean cost of a step is above the limit,
+and never below 0. It is the Lagrange multiplier of a constrained Markov decision process (E. Altman, Constrained Markov
+Decision Processes, 1999), in the place that a penalty of fixed weight has otherwise. PPO learns from the rewards so
+priced, with one critic, as in C. Tessler, D. J. Mankowitz and S. Mannor, Reward Constrained Policy Optimization, ICLR
+2019; A. Ray, J. Achiam and D. Amodei, Benchmarking Safe Exploration in Deep Reinforcement Learning, 2019, have a second
+critic, of the cost.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+KILO = 1e-3
+"""kN of 1 N: the multiplier is in mm/s for 1 kN, as the weight ``force`` of a reward is."""
+
+
+class Priced(VecEnvWrapper):
+    """Takes the price of the force above the rating off the rewards.
+
+    Args:
+        venv: Rigs that say ``cost``, the force above the rating in N, in the info of each step.
+        limit: Mean cost of a step that is allowed, in N.
+        rate: By how much the multiplier moves for each N above or below the limit, in mm/s a kN.
+
+    Attributes:
+        multiplier: What 1 kN above the rating costs, in mm/s.
+        cost: Mean cost of a step of the last rollout, noise on the actions included, in N; None before its end.
+    """
+
+    def __init__(self, venv: VecEnv, limit: float, rate: float):
+        super().__init__(venv)
+        self.limit, self.rate = limit, rate
+        self.multiplier = 0.0
+        self.cost: float | None = None
+        self._costs: list[float] = []
+
+    def reset(self) -> VecEnvObs:
+        """Start an episode with every rig."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drill for one interval."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        costs = np.array([info["cost"] for info in infos])
+        self._costs.append(float(costs.mean()))
+        return observations, rewards - np.float32(KILO * self.multiplier) * costs.astype(np.float32), dones, infos
+
+    def ascend(self) -> None:
+        """Move the multiplier by the steps since the last time; to be called between a rollout and the next."""
+        self.cost = float(np.mean(self._costs))
+        self._costs.clear()
+        self.multiplier = max(0.0, self.multiplier + self.rate * (self.cost - self.limit))
+
+    def as_record(self) -> dict[str, float | None]:
+        """What the result of a run says of the budget."""
+        return {"cost_limit": self.limit, "rollout_cost": self.cost, "multiplier": self.multiplier}
