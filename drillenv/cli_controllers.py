@@ -28,7 +28,7 @@ CONTROLLERS = (
 )
 ANNEALED = ("noise", "noise_end", "noise_anneal", "anneal")
 ON_POLICY = ("rollout", "epochs", "gae_lambda", "clip")
-BUDGET = ("cost_limit", "multiplier_rate")
+BUDGET = ("cost_limit", "multiplier_rate", "multiplier_gain")
 NO_USE: dict[str, tuple[str, ...]] = {
     "ppo-vine": ("gae_lambda", "lstm", *BUDGET),
     "recurrent-ppo": BUDGET,

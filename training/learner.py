@@ -65,7 +65,8 @@ class Learner:
         self._left = 1.0
         rewarded: VecEnv = self.monitor
         if recipe.constrained:
-            rewarded = self.priced = Priced(self.monitor, recipe.cost_limit, recipe.multiplier_rate)
+            numbers = recipe.cost_limit, recipe.multiplier_rate, recipe.multiplier_gain
+            rewarded = self.priced = Priced(self.monitor, *numbers)
         if not recipe.prepared:
             self.stacked = VecFrameStack(rewarded, recipe.stack)
             self.model: Any = _plain(recipe, self.stacked)

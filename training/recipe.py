@@ -63,7 +63,8 @@ USUAL: Mapping[str, Any] = MappingProxyType(
         "activation": "tanh",
         "lstm": 64,
         "cost_limit": BUDGETS["DrillLayers"],
-        "multiplier_rate": 0.01,
+        "multiplier_rate": 0.002,
+        "multiplier_gain": 0.05,
         "evaluate_every": 20_000,
     }
 )
@@ -151,9 +152,8 @@ class Recipe:
     activation: str = option(None, f"one of {', '.join(ACTIVATIONS)}")
     lstm: int = option(None, "units of the LSTM of recurrent-ppo")
     cost_limit: float = option(None, "N above the rating in the mean of all steps, that ppo-lagrangian keeps to")
-    multiplier_rate: float = option(
-        None, "mm/s a kN by which the multiplier moves at an update for each N above the limit"
-    )
+    multiplier_rate: float = option(None, "mm/s a kN that an update adds to the multiplier for each N above the limit")
+    multiplier_gain: float = option(None, "the same, by the cost of the last rollout alone")
     evaluate_every: int = option(None, "steps between two evaluations on the scenario validation; 0 for none")
     episodes: int = option(30, "episodes of an evaluation")
 
@@ -193,6 +193,7 @@ class Recipe:
             "lstm": count("lstm", self.lstm, 1, MOST_UNITS),
             "cost_limit": number("cost_limit", self.cost_limit, 0.0, 1e5, "N"),
             "multiplier_rate": number("multiplier_rate", self.multiplier_rate, 1e-6, 1e3, "mm/s a kN"),
+            "multiplier_gain": number("multiplier_gain", self.multiplier_gain, 0.0, 1e3, "mm/s a kN"),
             "evaluate_every": count("evaluate_every", self.evaluate_every, 0, 10**12),
             "episodes": count("episodes", self.episodes, 1, 30),
         }

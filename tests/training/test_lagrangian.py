@@ -52,7 +52,7 @@ class Costly(gym.Env):
 
 
 def test_the_multiplier_rises_above_the_limit_and_falls_to_0_below_it():
-    """By hand: the limit is 10 N, the rate 0.5 mm/s a kN for each N."""
+    """By hand: the limit is 10 N, the rate 0.5 mm/s a kN for each N, and no gain."""
     rollouts = [
         [(30.0, 10.0), (20.0, 20.0)],  # 20 N in the mean: 0 + 0.5 * 10
         [(12.0, 12.0)],  # 5 + 0.5 * 2
@@ -63,7 +63,7 @@ def test_the_multiplier_rises_above_the_limit_and_falls_to_0_below_it():
         [(14.0, 14.0)],  # nothing was saved up while it was 0
     ]
     of_each = zip(*(costs for steps in rollouts for costs in steps), strict=True)
-    priced = Priced(DummyVecEnv([lambda costs=costs: Costly(costs) for costs in of_each]), limit=10.0, rate=0.5)
+    priced = Priced(DummyVecEnv([lambda costs=costs: Costly(costs) for costs in of_each]), 10.0, rate=0.5, gain=0.0)
     priced.reset()
     assert priced.multiplier == 0.0 and priced.cost is None
     found, means = [], []
@@ -82,6 +82,20 @@ def test_the_multiplier_rises_above_the_limit_and_falls_to_0_below_it():
     assert priced.as_record() == {"cost_limit": 10.0, "rollout_cost": 14.0, "multiplier": 2.0}
 
 
+def test_the_gain_goes_by_the_last_rollout_alone():
+    """By hand: the limit is 10 N, the rate 0.5 and the gain 2 mm/s a kN for each N."""
+    costs = [20.0, 12.0, 10.0, 4.0, 13.0]
+    priced = Priced(DummyVecEnv([lambda: Costly(costs)]), 10.0, rate=0.5, gain=2.0)
+    priced.reset()
+    found = []
+    for _ in costs:
+        priced.step(np.zeros((1, 1)))
+        priced.ascend()
+        found.append((priced.ascended, priced.multiplier))
+    # 5 + 20, 6 + 4, 6 + 0, 3 - 12 is below 0, 4.5 + 6
+    assert found == [(5.0, 25.0), (6.0, 10.0), (6.0, 6.0), (3.0, 0.0), (4.5, 10.5)]
+
+
 @pytest.mark.parametrize("prepared", [False, True])
 def test_the_price_is_what_the_weight_of_the_force_would_be(prepared):
     """At a multiplier of 5 mm/s a kN the rewards are those of the environment, whose weight that is."""
@@ -89,7 +103,7 @@ def test_the_price_is_what_the_weight_of_the_force_would_be(prepared):
     for algo in ("ppo-lagrangian", "ppo"):
         learner = Learner(Recipe(**{**SMALL, "algo": algo}, prepared=prepared, gamma=0.5), threads=1)
         if learner.priced is not None:
-            learner.priced.multiplier = 5.0
+            learner.priced.ascended = 5.0
         learner.rigs.seed(3)
         learner.stacked.reset()
         harsh = np.full((4, 3), 0.9, dtype=np.float32)
@@ -130,7 +144,7 @@ def test_it_goes_on_exactly(tmp_path, prepared):
     whole = train.train(recipe, 2 * STEPS, tmp_path / "whole", threads=1, quiet=True)
     train.train(recipe, STEPS, tmp_path / "halves", threads=1, quiet=True)
     taken, _ = checkpoint.latest(tmp_path / "halves" / "checkpoints")
-    assert taken is not None and taken.record["multiplier"] > 0.0
+    assert taken is not None and taken.record["budget"]["ascended"] > 0.0
     resumed = train.train(recipe, 2 * STEPS, tmp_path / "halves", resume=True, threads=2, quiet=True)
     for file in ("policy.safetensors", "optimizer.safetensors", "arrays.npz", "best.safetensors"):
         ends = [tmp_path / run / "checkpoints" / f"{2 * STEPS:012d}" / file for run in ("whole", "halves")]
@@ -171,6 +185,7 @@ BAD = {
     "no number": (["--cost-limit", "nan"], "cost_limit is nan: give a finite number from 0 to 100000 N"),
     "a word": (["--cost-limit", "few"], "argument --cost-limit: 'few' is not a number"),
     "rate": (["--multiplier-rate", "0"], "multiplier_rate is 0 mm/s a kN, outside 1e-06 to 1000 mm/s a kN"),
+    "gain": (["--multiplier-gain", "-1"], "multiplier_gain is -1 mm/s a kN, outside 0 to 1000 mm/s a kN"),
     "other algorithm": (["--algo", "ppo", "--cost-limit", "0"], "--cost-limit has no use with ppo: leave it out"),
     "prepared ppo": (["--algo", "ppo", "--prepared", "--cost-limit", "5"], "--cost-limit has no use with ppo"),
     "weight": (["--env-kwargs", '{"reward": {"force": 5.0}}'], "reward force is 5.0, but ppo-lagrangian finds"),
