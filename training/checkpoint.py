@@ -96,7 +96,7 @@ def take(learner: Learner, notes: dict[str, Any], best: Mapping[str, np.ndarray]
         "notes": notes,
     }
     if learner.priced is not None:
-        record["budget"] = {"ascended": learner.priced.ascended, "cost": learner.priced.cost}
+        record["budget"] = learner.priced.state()
     moments = model.policy.optimizer.state_dict()["state"]
     return Checkpoint(
         {name: value.numpy() for name, value in model.policy.state_dict().items()},
@@ -144,7 +144,7 @@ def _put(learner: Learner, checkpoint: Checkpoint) -> None:
             value[:] = _like(name, arrays, value)
         learner.believing.known = stack.stacked_obs.copy()
     if learner.priced is not None:
-        learner.priced.ascended, learner.priced.cost = (record["budget"][name] for name in ("ascended", "cost"))
+        learner.priced.go_on(record["budget"])
     if isinstance(model, RecurrentPPO):
         states = {name: torch.from_numpy(arrays[name].copy()) for name in _lstm(learner)}
         pairs = [tuple(states[f"{part}_{each}"] for each in LSTM) for part in ("actor", "critic")]

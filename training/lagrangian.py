@@ -13,11 +13,14 @@ Reinforcement Learning, 2019, have a second critic, of the cost.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-KILO = 1e-3
+KN = 1e-3
 """kN of 1 N: the multiplier is in mm/s for 1 kN, as the weight ``force`` of a reward is."""
 
 
@@ -58,13 +61,22 @@ class Priced(VecEnvWrapper):
         observations, rewards, dones, infos = self.venv.step_wait()
         costs = np.array([info["cost"] for info in infos])
         self._costs.append(float(costs.mean()))
-        return observations, rewards - np.float32(KILO * self.multiplier) * costs.astype(np.float32), dones, infos
+        return observations, rewards - np.float32(KN * self.multiplier) * costs.astype(np.float32), dones, infos
 
     def ascend(self) -> None:
         """Move the multiplier by the steps since the last time; to be called between a rollout and the next."""
         self.cost = float(np.mean(self._costs))
         self._costs.clear()
         self.ascended = max(0.0, self.ascended + self.rate * (self.cost - self.limit))
+
+    def state(self) -> dict[str, float | None]:
+        """What :meth:`go_on` goes on from, as JSON takes it; to be called between a rollout and the next."""
+        return {"ascended": self.ascended, "cost": self.cost}
+
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.ascended, self.cost = state["ascended"], state["cost"]
+        self._costs.clear()
 
     def as_record(self) -> dict[str, float | None]:
         """What the result of a run says of the budget."""

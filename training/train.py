@@ -7,7 +7,7 @@ What lies in the folder of a run:
     best/, last/      the best policy by the evaluations, and the last one, as exported files
     best.zip, last.zip  the same as models of Stable-Baselines3, where an algorithm runs on rigs as they are
     tensorboard/      tensorboard --logdir DIR/tensorboard
-    result.json       scores and times, once all steps are done
+    result.json       scores, costs and times, once all steps are done
 
 A run that was killed and resumed gives the policy of a run that was not, bit for bit, and a run of N steps that is
 resumed with --timesteps 2N that of a run of 2N steps. SAC and TD3 have no checkpoints.
