@@ -28,15 +28,17 @@ CONTROLLERS = (
 )
 ANNEALED = ("noise", "noise_end", "noise_anneal", "anneal")
 ON_POLICY = ("rollout", "epochs", "gae_lambda", "clip")
+BUDGET = ("cost_limit", "multiplier_rate", "multiplier_gain")
 NO_USE: dict[str, tuple[str, ...]] = {
-    "ppo-vine": ("gae_lambda", "lstm"),
-    "recurrent-ppo": (),
-    "ppo": (*ANNEALED, "ahead", "lstm"),
-    "sac": (*ANNEALED, *ON_POLICY, "ahead", "lstm"),
-    "td3": (*ANNEALED, *ON_POLICY, "ahead", "lstm"),
+    "ppo-vine": ("gae_lambda", "lstm", *BUDGET),
+    "recurrent-ppo": BUDGET,
+    "ppo": (*ANNEALED, "ahead", "lstm", *BUDGET),
+    "ppo-lagrangian": (*ANNEALED, "ahead", "lstm"),
+    "sac": (*ANNEALED, *ON_POLICY, "ahead", "lstm", *BUDGET),
+    "td3": (*ANNEALED, *ON_POLICY, "ahead", "lstm", *BUDGET),
 }
-"""Numbers of a recipe that an algorithm has no use for; of ppo where rigs are as they are."""
-NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "ahead", "lstm", "stack", "activation")
+"""Numbers of a recipe that an algorithm has no use for; of ppo and ppo-lagrangian where rigs are as they are."""
+NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "ahead", "lstm", "stack", "activation", *BUDGET)
 
 
 @contextmanager
@@ -251,6 +253,7 @@ def _train_options(parser: Parser) -> None:
         CHECKPOINT_SECONDS,
         HOLE_TIMESTEPS,
         OTHERWISE,
+        ROCK,
         TIMESTEPS,
         USUAL,
         USUAL_TIMESTEPS,
@@ -279,7 +282,7 @@ def _train_options(parser: Parser) -> None:
         for name, value in usual("ppo", hole=True).items()
         if name not in NO_USE_IN_HOLES and not USUAL[name] == plain[name] == value
     }
-    otherwise = {**OTHERWISE, "DrillBit": hole}
+    otherwise = {**OTHERWISE, "Drill": ROCK, "DrillBit": hole}
     for each in fields(Recipe):
         default = USUAL.get(each.name, each.default)
         others = {name: numbers[each.name] for name, numbers in otherwise.items() if each.name in numbers}
@@ -329,7 +332,7 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         InputError: a value is not what it should be, or has no use with the algorithm.
     """
     from drillenv.training.export import CONFIG, read_config
-    from drillenv.training.recipe import Recipe, read_recipe
+    from drillenv.training.recipe import WITH_CRITIC, Recipe, read_recipe
 
     chosen = {each.name: value for each in fields(Recipe) if (value := getattr(given, each.name)) is not None}
     own = set(chosen)
@@ -339,9 +342,11 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         chosen = there.as_record() | chosen
         timesteps = steps if timesteps is None else timesteps
     recipe = read_recipe(chosen)
-    useless = () if recipe.prepared and recipe.algo == "ppo" else NO_USE[recipe.algo]
-    for name in NO_USE_IN_HOLES if recipe.hole else useless:
-        if name in own and chosen[name]:
+    useless = NO_USE_IN_HOLES if recipe.hole else NO_USE[recipe.algo]
+    if recipe.prepared and recipe.algo in WITH_CRITIC and not recipe.hole:
+        useless = () if recipe.constrained else BUDGET
+    for name in useless:
+        if name in own and (name, chosen[name]) != ("ahead", 0):
             partner = recipe.env if recipe.hole else recipe.algo
             raise InputError(f"--{name.replace('_', '-')} has no use with {partner}: leave it out")
     return {
@@ -371,6 +376,9 @@ def _train(given: argparse.Namespace) -> None:
         out = shlex.quote(str(wanted["out"]))
         unit = wanted["recipe"].unit
         print(f"best evaluation: {result['best_score']:.4f} {unit} after {result['best_steps']} steps, in {out}/best")
+    if wanted["recipe"].constrained:
+        best = "" if result["best_cost"] is None else f"{result['best_cost']:.1f} N above the rating there, "
+        print(f"{best}limit {result['cost_limit']:g} N, multiplier {result['multiplier']:.3f} mm/s a kN")
 
 
 # --- export and film

@@ -5,7 +5,8 @@
         optimizer.safetensors  the moments of Adam
         best.safetensors       the best policy so far, where there is one
         arrays.npz             the rigs, the last observations, the generators of torch, numpy and Python
-        state.json             the counters, the generators of the rigs, and the SHA-256 of the files above
+        state.json             the counters, the generators of the rigs, the multiplier of a constrained task, and
+                               the SHA-256 of the files above
 
 A checkpoint is written to a folder with another name and takes its own when it is complete. Nothing is pickled.
 """
@@ -85,7 +86,7 @@ def take(learner: Learner, notes: dict[str, Any], best: Mapping[str, np.ndarray]
         arrays[name] = value.numpy()
     arrays |= _belief(learner)
     generators, positions = _generators()
-    record = {
+    record: dict[str, Any] = {
         "format": FORMAT,
         "steps": model.num_timesteps,
         "updates": model._n_updates,
@@ -94,6 +95,8 @@ def take(learner: Learner, notes: dict[str, Any], best: Mapping[str, np.ndarray]
         "episodes": [{key: float(value) for key, value in each.items()} for each in model.ep_info_buffer or ()],
         "notes": notes,
     }
+    if learner.priced is not None:
+        record["budget"] = learner.priced.state()
     moments = model.policy.optimizer.state_dict()["state"]
     return Checkpoint(
         {name: value.numpy() for name, value in model.policy.state_dict().items()},
@@ -140,6 +143,8 @@ def _put(learner: Learner, checkpoint: Checkpoint) -> None:
         for name, value in _belief(learner).items():
             value[:] = _like(name, arrays, value)
         learner.believing.known = stack.stacked_obs.copy()
+    if learner.priced is not None:
+        learner.priced.go_on(record["budget"])
     if isinstance(model, RecurrentPPO):
         states = {name: torch.from_numpy(arrays[name].copy()) for name in _lstm(learner)}
         pairs = [tuple(states[f"{part}_{each}"] for each in LSTM) for part in ("actor", "critic")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from stable_baselines3.common.vec_env import VecFrameStack
@@ -13,6 +13,7 @@ from drillenv.controllers.hole.learned import HoleLearned, HolePolicy
 from drillenv.controllers.learned import Learned
 from drillenv.controllers.policies import Policy
 from drillenv.env.registration import HOLES
+from drillenv.env.truth import T_EXCESS
 from drillenv.training.hole_search import costs_per_metre
 from drillenv.training.learner import rigs_of
 from drillenv.training.recipe import Recipe
@@ -23,6 +24,15 @@ FIXING = ("rock", "scenario", "model")
 """Arguments that go with no other scenario."""
 FIRST_SEED = 1_000_000
 """Of the episodes of an evaluation that no scenario fixes: training begins with others."""
+
+
+class Evaluation(NamedTuple):
+    """What a policy is worth over the episodes of an evaluation."""
+
+    score: float
+    """Mean reward in mm/s, or EUR/m of holes."""
+    cost: float | None
+    """Mean force above the rating in N, of the same steps; None of holes."""
 
 
 def scenario_of(recipe: Recipe) -> str | None:
@@ -36,13 +46,25 @@ def scenario_of(recipe: Recipe) -> str | None:
     return SCENARIO
 
 
-def better(score: float, other: float, recipe: Recipe) -> bool:
-    """Whether a score is better than another: less, where it is a cost."""
-    return score < other if recipe.hole else score > other
+def better(found: Evaluation, other: Evaluation, recipe: Recipe) -> bool:
+    """Whether an evaluation is better than another: by its score, which is the less the better where a metre costs it.
+
+    Where a budget is kept to, what is less above it comes first, and the score decides among those that are as far
+    above it, such as all that keep to it.
+    """
+    if recipe.hole:
+        return found.score < other.score
+    above, other_above = (_above(each, recipe) for each in (found, other))
+    return above < other_above or (above == other_above and found.score > other.score)
 
 
-def score_of_policy(policy: Policy | HolePolicy, recipe: Recipe, threads: int | None) -> float:
-    """Mean reward in mm/s of an exported policy on prepared rigs, or EUR/m of holes."""
+def _above(found: Evaluation, recipe: Recipe) -> float:
+    """N above the budget; 0 where there is none."""
+    return max(0.0, found.cost - recipe.cost_limit) if recipe.constrained and found.cost is not None else 0.0
+
+
+def evaluation_of_policy(policy: Policy | HolePolicy, recipe: Recipe, threads: int | None) -> Evaluation:
+    """What an exported policy is worth on prepared rigs."""
     environment = recipe.env.removeprefix("drillenv/").removesuffix("-v0")
     arguments: dict[str, Any] = dict(recipe.env_kwargs)
     steps = arguments.pop("max_episode_steps", None)
@@ -51,25 +73,26 @@ def score_of_policy(policy: Policy | HolePolicy, recipe: Recipe, threads: int | 
     if isinstance(policy, HolePolicy):
         arguments = {**HOLES[environment], **arguments}
         costs = costs_per_metre(HoleLearned(policy), scenario, recipe.episodes, threads, arguments, steps, first)
-        return float(costs.mean())
+        return Evaluation(float(costs.mean()), None)
     made = rollout(lambda: Learned(policy), environment, scenario, recipe.episodes, steps, threads, arguments, first)
-    return float(made.scores.mean())
+    return Evaluation(float(made.scores.mean()), float(made.truths[..., T_EXCESS].mean()))
 
 
-def score_of_model(model: Any, recipe: Recipe, threads: int | None) -> float:
-    """Mean reward of a model of Stable-Baselines3 on rigs as they are, over the episodes of an evaluation."""
+def evaluation_of_model(model: Any, recipe: Recipe, threads: int | None) -> Evaluation:
+    """What a model of Stable-Baselines3 is worth on rigs as they are."""
     scenario = scenario_of(recipe)
     fixed: Mapping[str, Any] = {} if scenario is None else {"scenario": scenario}
-    rigs = rigs_of(recipe, recipe.episodes, threads, **fixed)
+    rigs = rigs_of(recipe, recipe.episodes, threads, info_keys=["cost"], **fixed)
     stacked = VecFrameStack(rigs, recipe.stack)
     rigs.seed(0 if scenario else FIRST_SEED)
     if scenario:
         rigs.set_options([{"episode": i} for i in range(recipe.episodes)])
     observations = stacked.reset()
-    earned, steps, done = 0.0, 0, False
+    earned, cost, steps, done = 0.0, 0.0, 0, False
     while not done:
         actions, _ = model.predict(observations, deterministic=True)
-        observations, rewards, dones, _ = stacked.step(actions)
+        observations, rewards, dones, infos = stacked.step(actions)
         earned, steps, done = earned + float(np.mean(rewards)), steps + 1, bool(dones[0])
+        cost += float(np.mean([info["cost"] for info in infos]))
     rigs.close()
-    return earned / steps
+    return Evaluation(earned / steps, cost / steps)

@@ -17,7 +17,7 @@ from drillenv.controllers.hole import learned as hole
 from drillenv.controllers.hole.learned import HolePolicy
 from drillenv.controllers.policies import ACTIONS, DESCRIPTION, DIRECT, NAMES, Policy, read_policy, write_policy
 from drillenv.controllers.policies.stable_baselines import PER_LAYER
-from drillenv.training.recipe import OFF_POLICY, Recipe, read_recipe, renamed
+from drillenv.training.recipe import OFF_POLICY, WITH_CRITIC, Recipe, read_recipe, renamed
 from drillenv.training.scaling import CENTRE, WIDTH
 
 FORMAT, FORMER_FORMAT = "drillenv-training/2", "drillenv-training/1"
@@ -65,7 +65,9 @@ def policy_of(
     provenance: dict[str, str | float] = {"algorithm": recipe.algo, "seed": recipe.seed, "steps": steps}
     if recipe.ahead:
         provenance["ahead"] = recipe.ahead
-    if recipe.algo == "ppo":
+    if recipe.constrained:
+        provenance["cost_limit"] = recipe.cost_limit
+    if recipe.algo in WITH_CRITIC:
         provenance["rigs"] = "prepared" if recipe.prepared else "as they are"
     for name in ("env_kwargs", "algo_kwargs"):
         if getattr(recipe, name):

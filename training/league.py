@@ -14,7 +14,7 @@ from drillenv.training.statistics import Draws, Interval, chance, draws, interva
 FORMAT = "drillenv-league/1"
 YARDSTICK = "oracle"
 """What scores are shares of: the planner that knows the rock, which is better than the steady-state oracle."""
-REPEATED = ("ppo-vine", "ppo", "recurrent-ppo", "sac", "td3")
+REPEATED = ("ppo-vine", "ppo", "ppo-lagrangian", "recurrent-ppo", "sac", "td3")
 """The rows of several training seeds, by their algorithms."""
 NEITHER = ("random", "fixed", "rules", "scheduled", "seeking", "mpc")
 """The rows that neither learn nor see the rock."""
@@ -58,8 +58,13 @@ def summary(runs: Mapping[str, list[dict[str, Any]]], strata: np.ndarray) -> dic
 
 
 def values_of(runs: list[dict[str, Any]], measure: str) -> np.ndarray:
-    """(runs, episodes) a measure, NaN where an episode has none."""
-    return np.array([[math.nan if x is None else x for x in run["episodes"][measure]] for run in runs])
+    """(runs, episodes) a measure, NaN where an episode has none, or a record of before does not have the measure."""
+    return np.array(
+        [
+            [math.nan if x is None else x for x in run["episodes"].get(measure, [None] * len(run["episodes"]["score"]))]
+            for run in runs
+        ]
+    )
 
 
 def shares_of(runs: Mapping[str, list[dict[str, Any]]]) -> dict[str, np.ndarray]:

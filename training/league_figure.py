@@ -18,6 +18,7 @@ SHOWN = {
     "mpc": "#7a5195",
     "ppo-vine": "#d55e00",
     "ppo": "#cc79a7",
+    "ppo-lagrangian": "#332288",
     "recurrent-ppo": "#8c2d04",
     "sac": "#56b4e9",
     "td3": "#999999",

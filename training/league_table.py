@@ -12,12 +12,14 @@ from drillenv.training.league import SEEDS
 
 
 def league_table(record: Mapping[str, Any]) -> str:
-    """The rows, best first, as a Markdown table."""
+    """The rows, best first, as a Markdown table; records of before, which say no mean cost, have no column of it."""
     rows = record["summary"]["rows"]
+    costs = {name: row.get("cost", [None])[0] for name, row in rows.items()}
+    told = any(cost is not None for cost in costs.values())
     lines = [
         "| controller | share of the oracle | score, mm/s | penetration, mm/s | strong P-1-I-1 | violations "
-        "| worst 5 %, N | J/mm | recovery, s |",
-        "|" + "---|" * 9,
+        f"{'| cost, N ' if told else ''}| worst 5 %, N | J/mm | recovery, s |",
+        "|" + "---|" * (9 + told),
     ]
     for name in sorted(rows, key=lambda each: -rows[each]["share"][0]):
         row = rows[name]
@@ -31,6 +33,7 @@ def league_table(record: Mapping[str, Any]) -> str:
             _number(row["penetration_rate"], 2),
             _percent(row["single_share"]),
             _percent(row["violations"]),
+            *([_number([costs[name]], 1)] if told else []),
             _number(row["worst_excess"], 0),
             _number(row["energy"], 1),
             _number(row["recovery"], 2),

@@ -10,13 +10,14 @@ import torch
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
-from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor
+from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecMonitor
 
 from drillenv.checks import InputError, shown
 from drillenv.controllers.policies import outputs_for
 from drillenv.training import believing
 from drillenv.training.believing import Believing
 from drillenv.training.branches import BranchedPPO, Branches
+from drillenv.training.lagrangian import Priced
 from drillenv.training.recipe import OFF_POLICY, START, Recipe
 from drillenv.training.sb3 import DrillVecEnv
 from drillenv.training.scaling import CENTRE, Scaled
@@ -42,6 +43,7 @@ class Learner:
         rigs: The environments themselves.
         believing: What remembers of each hole what can be known of it; None where none is drilled.
         monitor: Keeps the statistics of episodes.
+        priced: What takes the price of the force off the rewards; None where no budget is kept to.
         stacked: Observations as the policy sees them: scaled where rigs are prepared, and the last ones side by side.
         model: The algorithm.
 
@@ -55,12 +57,18 @@ class Learner:
         torch.set_num_threads(1)
         self.recipe = recipe
         self.threads = threads
-        self.rigs: DrillVecEnv = rigs_of(recipe, recipe.envs, threads, **_training_price(recipe))
+        told = {"info_keys": ["cost"]} if recipe.constrained else {}
+        self.rigs: DrillVecEnv = rigs_of(recipe, recipe.envs, threads, **told, **_training_price(recipe))
         self.monitor = VecMonitor(self.rigs)
+        self.priced: Priced | None = None
         self.believing: Believing | None = None
         self._left = 1.0
+        rewarded: VecEnv = self.monitor
+        if recipe.constrained:
+            numbers = recipe.cost_limit, recipe.multiplier_rate, recipe.multiplier_gain
+            rewarded = self.priced = Priced(self.monitor, *numbers)
         if not recipe.prepared:
-            self.stacked = VecFrameStack(self.monitor, recipe.stack)
+            self.stacked = VecFrameStack(rewarded, recipe.stack)
             self.model: Any = _plain(recipe, self.stacked)
             return
         if recipe.hole:
@@ -70,7 +78,7 @@ class Learner:
             spaces = self.rigs.observation_space.shape, self.rigs.action_space.shape
             if spaces != (CENTRE.shape, (len(START),)):
                 raise InputError(f"rigs of {recipe.env} cannot be prepared, they have other readings: take ppo")
-            self.stacked = VecFrameStack(Scaled(self.monitor, 1.0 - recipe.gamma), recipe.stack)
+            self.stacked = VecFrameStack(Scaled(rewarded, 1.0 - recipe.gamma), recipe.stack)
         self.model = self._algorithm()
         head = self.model.policy.action_net
         assert isinstance(head, torch.nn.Linear)
@@ -188,8 +196,8 @@ def _plain(recipe: Recipe, rigs: VecFrameStack) -> Any:
         "seed": recipe.seed,
         "device": "cpu",
     }
-    kind: Callable[..., Any] = {"ppo": PPO, "sac": SAC, "td3": TD3}[recipe.algo]
-    if recipe.algo == "ppo":
+    kind: Callable[..., Any] = {"sac": SAC, "td3": TD3}.get(recipe.algo, PPO)
+    if recipe.algo not in OFF_POLICY:
         common |= {"n_steps": recipe.rollout, "n_epochs": recipe.epochs}
         common |= {"gae_lambda": recipe.gae_lambda, "clip_range": recipe.clip}
     elif recipe.algo == "td3":

@@ -10,18 +10,22 @@ from typing import Any
 
 from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
-from drillenv.env.registration import HOLE_IDS, IDS
+from drillenv.env.registration import BUDGETS, HOLE_IDS, IDS
 
 ALGORITHMS: Mapping[str, str] = MappingProxyType(
     {
         "ppo-vine": "PPO whose advantages are measured on copies of the rigs",
         "ppo": "PPO with a critic",
+        "ppo-lagrangian": "PPO with a critic, on a budget of force above the rating",
         "recurrent-ppo": "PPO with a critic and an LSTM",
         "sac": "SAC",
         "td3": "TD3",
     }
 )
-"""The algorithms by name; all but the first are those of Stable-Baselines3 and sb3-contrib as they are."""
+"""The algorithms by name; all but ppo-vine are those of Stable-Baselines3 and sb3-contrib as they are."""
+LAGRANGIAN = "ppo-lagrangian"
+WITH_CRITIC = ("ppo", LAGRANGIAN)
+"""On rigs as they are, or on prepared ones."""
 PREPARED = ("ppo-vine", "recurrent-ppo")
 """Always on prepared rigs: scaled readings, pressure over amplitude as output, noise that is annealed."""
 OFF_POLICY = ("sac", "td3")
@@ -58,6 +62,9 @@ USUAL: Mapping[str, Any] = MappingProxyType(
         "layers": (64, 64),
         "activation": "tanh",
         "lstm": 64,
+        "cost_limit": BUDGETS["DrillLayers"],
+        "multiplier_rate": 0.002,
+        "multiplier_gain": 0.05,
         "evaluate_every": 20_000,
     }
 )
@@ -74,21 +81,23 @@ CRITIC: Mapping[str, Any] = MappingProxyType(
 )
 """What goes with a critic on prepared rigs: there the noise has to be large for an action to be told from others."""
 PLAIN: Mapping[str, Any] = MappingProxyType({"prepared": False, "ahead": 0, "stack": 1, "gamma": 0.99})
+PLAIN_PPO: Mapping[str, Any] = MappingProxyType(
+    {**PLAIN, "envs": 8, "rollout": 256, "batch": 64, "epochs": 10, "learning_rate": 3e-4, "gae_lambda": 0.95}
+)
 OTHERWISE: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "ppo-vine": {},
         "recurrent-ppo": {**CRITIC, "stack": 1, "batch": 512},
-        "ppo": {
-            **PLAIN, "envs": 8, "rollout": 256, "batch": 64, "epochs": 10, "learning_rate": 3e-4, "gae_lambda": 0.95,
-        },
+        **dict.fromkeys(WITH_CRITIC, PLAIN_PPO),
         "sac": {**PLAIN, "envs": 1, "learning_rate": 3e-4, "layers": (256, 256), "activation": "relu"},
         "td3": {**PLAIN, "envs": 1, "learning_rate": 1e-3, "layers": (400, 300), "activation": "relu"},
     }
-)  # fmt: skip
+)
 """What is otherwise with the other algorithms: the numbers of Stable-Baselines3 itself, and, for ppo, its 2048 steps of
 an update shared out among eight rigs."""
 
-
+ROCK: Mapping[str, Any] = MappingProxyType({"cost_limit": BUDGETS["Drill"]})
+"""What is otherwise with one rock an episode."""
 HOLE: Mapping[str, Any] = MappingProxyType(
     {
         "ahead": 0,
@@ -142,12 +151,15 @@ class Recipe:
     layers: tuple[int, ...] = option(None, "units of each layer, of policy and value alike")
     activation: str = option(None, f"one of {', '.join(ACTIVATIONS)}")
     lstm: int = option(None, "units of the LSTM of recurrent-ppo")
+    cost_limit: float = option(None, "N above the rating in the mean of all steps, that ppo-lagrangian keeps to")
+    multiplier_rate: float = option(None, "mm/s a kN that an update adds to the multiplier for each N above the limit")
+    multiplier_gain: float = option(None, "the same, by the cost of the last rollout alone")
     evaluate_every: int = option(None, "steps between two evaluations on the scenario validation; 0 for none")
     episodes: int = option(30, "episodes of an evaluation")
 
     def __post_init__(self) -> None:
         algo = choice("algo", self.algo, tuple(ALGORITHMS))
-        for name, value in usual(algo, self.prepared, self.hole).items():
+        for name, value in {**usual(algo, self.prepared, self.hole), **(ROCK if self.env == IDS[0] else {})}.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, value in self._checked().items():
@@ -158,7 +170,7 @@ class Recipe:
         """Every value, if it is what it should be."""
         return {
             "env": choice("env", self.env, (*IDS, *HOLE_IDS)),
-            "env_kwargs": _env_kwargs(self.env_kwargs),
+            "env_kwargs": self._unpenalised(_env_kwargs(self.env_kwargs)),
             "algo_kwargs": _json_record("algo_kwargs", self.algo_kwargs),
             "seed": count("seed", self.seed, 0, 2**31 - 1),
             "prepared": choice("prepared", self.prepared, (True, False)),
@@ -179,9 +191,24 @@ class Recipe:
             "layers": _layers(self.layers),
             "activation": choice("activation", self.activation, ACTIVATIONS),
             "lstm": count("lstm", self.lstm, 1, MOST_UNITS),
+            "cost_limit": number("cost_limit", self.cost_limit, 0.0, 1e5, "N"),
+            "multiplier_rate": number("multiplier_rate", self.multiplier_rate, 1e-6, 1e3, "mm/s a kN"),
+            "multiplier_gain": number("multiplier_gain", self.multiplier_gain, 0.0, 1e3, "mm/s a kN"),
             "evaluate_every": count("evaluate_every", self.evaluate_every, 0, 10**12),
             "episodes": count("episodes", self.episodes, 1, 30),
         }
+
+    def _unpenalised(self, given: dict[str, Any]) -> dict[str, Any]:
+        """The arguments of the environment; where the task is constrained, with a reward that does not count force."""
+        weights = {} if given.get("reward") is None else given["reward"]
+        if not self.constrained or not isinstance(weights, Mapping):  # what is none, the environment says best
+            return given
+        if weights.get("force", 0.0) != 0.0:
+            raise InputError(
+                f"reward force is {shown(weights['force'])}, but {self.algo} finds that weight by itself: "
+                "leave it out, or give 0"
+            )
+        return {**given, "reward": {**weights, "force": 0.0}}
 
     def _check_together(self) -> None:
         """See that no two values contradict each other."""
@@ -214,6 +241,11 @@ class Recipe:
         return self.env in HOLE_IDS
 
     @property
+    def constrained(self) -> bool:
+        """Whether a budget of force above the rating is kept to."""
+        return self.algo == LAGRANGIAN
+
+    @property
     def timesteps(self) -> int:
         """Steps in all where none are given."""
         return HOLE_TIMESTEPS if self.hole else TIMESTEPS.get(self.algo, USUAL_TIMESTEPS)
@@ -237,7 +269,7 @@ def usual(algo: str, prepared: bool | None = None, hole: bool = False) -> dict[s
     """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
     if hole:
         return {**USUAL, **HOLE}
-    return {**USUAL, **(CRITIC if algo == "ppo" and prepared is True else OTHERWISE[algo])}
+    return {**USUAL, **(CRITIC if algo in WITH_CRITIC and prepared is True else OTHERWISE[algo])}
 
 
 def read_recipe(record: object) -> Recipe:

@@ -7,7 +7,7 @@ What lies in the folder of a run:
     best/, last/      the best policy by the evaluations, and the last one, as exported files
     best.zip, last.zip  the same as models of Stable-Baselines3, where an algorithm runs on rigs as they are
     tensorboard/      tensorboard --logdir DIR/tensorboard
-    result.json       scores and times, once all steps are done
+    result.json       scores, costs and times, once all steps are done
 
 A run that was killed and resumed gives the policy of a run that was not, bit for bit, and a run of N steps that is
 resumed with --timesteps 2N that of a run of 2N steps. SAC and TD3 have no checkpoints.
@@ -23,6 +23,7 @@ import time
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -34,11 +35,15 @@ from tqdm import tqdm
 from drillenv.checks import InputError, count, number
 from drillenv.files import whole
 from drillenv.training import checkpoint
-from drillenv.training.evaluation import better, scenario_of, score_of_model, score_of_policy
+from drillenv.training.evaluation import Evaluation, better, evaluation_of_model, evaluation_of_policy, scenario_of
 from drillenv.training.export import CONFIG, FORMAT, controller_weights, policy_of, read_config, write
 from drillenv.training.learner import Learner
 from drillenv.training.recipe import CHECKPOINT_SECONDS, OFF_POLICY, Recipe
 
+NOTHING_YET: Mapping[str, Any] = MappingProxyType(
+    {"evaluated": 0, "scores": [], "costs": [], "best_score": None, "best_cost": None, "best_steps": None}
+)
+"""What there is to say of the evaluations at the start."""
 LOGGED_EVERY = 8192
 """Steps between two points of the curves in TensorBoard."""
 LOGGED_EPISODES = 16
@@ -47,7 +52,7 @@ PACKAGES = ("drillenv", "numpy", "numba", "torch", "stable-baselines3", "sb3-con
 
 
 class Keeper(BaseCallback):
-    """Between two updates: anneals, evaluates, keeps what is best, writes checkpoints, moves the progress bar.
+    """Between two updates: anneals, prices, evaluates, keeps what is best, writes checkpoints, moves the progress bar.
 
     Args:
         learner: What is trained.
@@ -85,6 +90,13 @@ class Keeper(BaseCallback):
             self.write()
         self.show(steps)
 
+    def _on_rollout_end(self) -> None:
+        priced = self.learner.priced
+        if priced is not None:
+            priced.ascend()
+            self.logger.record("lagrangian/cost", priced.cost)
+            self.logger.record("lagrangian/multiplier", priced.multiplier)
+
     def show(self, steps: int) -> None:
         """Move the progress bar; the last update may go beyond the steps asked for."""
         self.bar.update(min(steps, self.bar.total) - self.bar.n)
@@ -95,24 +107,28 @@ class Keeper(BaseCallback):
             checkpoint.write(self.out / "checkpoints", checkpoint.take(self.learner, self.notes, self.best))
         self._written = time.monotonic()
 
-    def evaluate(self, steps: int) -> float:
+    def evaluate(self, steps: int) -> Evaluation:
         """Score the policy as it would be used, and keep it where it is the best so far."""
         learner, recipe = self.learner, self.learner.recipe
         weights = controller_weights(learner.parameters(), recipe)
         if recipe.prepared:
-            score = score_of_policy(policy_of(weights, recipe, 0, None), recipe, learner.threads)
+            found = evaluation_of_policy(policy_of(weights, recipe, 0, None), recipe, learner.threads)
         else:
-            score = score_of_model(learner.model, recipe, learner.threads)
-        self.notes = {**self.notes, "evaluated": steps, "scores": [*self.notes["scores"], [steps, score]]}
-        if self.notes["best_score"] is None or better(score, self.notes["best_score"], recipe):
-            self.notes |= {"best_score": score, "best_steps": steps}
+            found = evaluation_of_model(learner.model, recipe, learner.threads)
+        notes, logger = self.notes, learner.model.logger
+        self.notes = notes | {"evaluated": steps, "scores": [*notes["scores"], [steps, found.score]]}
+        logger.record("evaluation/score", found.score)
+        if found.cost is not None:
+            self.notes["costs"] = [*notes["costs"], [steps, found.cost]]
+            logger.record("evaluation/cost", found.cost)
+        best = None if notes["best_score"] is None else Evaluation(notes["best_score"], notes["best_cost"])
+        if best is None or better(found, best, recipe):
+            self.notes |= {"best_score": found.score, "best_cost": found.cost, "best_steps": steps}
             self.best = weights
-            keep(self.out / "best", learner, weights, steps, score)
-        logger = self.learner.model.logger
-        logger.record("evaluation/score", score)
+            keep(self.out / "best", learner, weights, steps, found.score)
         logger.dump(steps)
-        self.bar.set_postfix(score=f"{score:.3f}", best=f"{self.notes['best_score']:.3f}")
-        return score
+        self.bar.set_postfix(score=f"{found.score:.3f}", best=f"{self.notes['best_score']:.3f}")
+        return found
 
 
 def keep(
@@ -172,11 +188,11 @@ def train(
     kept, wrong = checkpoint.latest(folder / "checkpoints")
     for line in wrong:
         print(f"warning: {line}", file=sys.stderr)
-    notes: dict[str, Any] = {"evaluated": 0, "scores": [], "best_score": None, "best_steps": None}
+    notes: dict[str, Any] = dict(NOTHING_YET)
     best: Mapping[str, np.ndarray] = {}
     if kept is not None:
         checkpoint.put(learner, kept)
-        notes, best = kept.record["notes"], kept.best
+        notes, best = notes | kept.record["notes"], kept.best  # checkpoints of before say nothing of costs
         keep(folder / "best", learner, best, notes["best_steps"], notes["best_score"], model=False)
     first = learner.model.num_timesteps
     learner.model.set_logger(_logger(folder, first))
@@ -218,15 +234,15 @@ def _finish(keeper: Keeper, folder: Path, first: int, seconds: float) -> dict[st
     steps = learner.model.num_timesteps
     keeper.show(steps)
     # the run may be lengthened, so this evaluation is not part of the checkpoint
-    score = keeper.evaluate(steps) if recipe.evaluate_every else None
+    score, cost = keeper.evaluate(steps) if recipe.evaluate_every else (None, None)
     weights = controller_weights(learner.parameters(), recipe)
     keep(folder / "last", learner, weights, steps, score)
     result = {
         "steps": steps,
         "score": score,
-        "best_score": keeper.notes["best_score"],
-        "best_steps": keeper.notes["best_steps"],
-        "scores": keeper.notes["scores"],
+        "cost": cost,
+        **{name: value for name, value in keeper.notes.items() if name != "evaluated"},
+        **(learner.priced.as_record() if learner.priced is not None else {}),
         "resumed_at": first,
         "seconds": seconds,
         "steps_a_second": (steps - first) / seconds,
