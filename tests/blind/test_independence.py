@@ -20,7 +20,15 @@ FORBIDDEN = (
     "drillenv.corrected",
     "benchmarks",
 )
-ALLOWED = ("drillenv.blind", "drillenv.checks", "drillenv.files", "drillenv.recordings", "drillenv.rig", "drillenv.cli")
+ALLOWED = (
+    "drillenv.blind",
+    "drillenv.checks",
+    "drillenv.compiling",
+    "drillenv.files",
+    "drillenv.recordings",
+    "drillenv.rig",
+    "drillenv.cli",
+)
 
 
 def imported(path):
