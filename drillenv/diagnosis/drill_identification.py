@@ -196,7 +196,9 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
             for each, begun in starts
         ]
     found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
-    return sorted(found, key=lambda each: each.worse)
+    # of a law without curves nothing says which is nearest but that it has states: once one does as well, the others
+    # are tried from one start only
+    return sorted(found, key=lambda each: (each.worse, each.equation.has_states != family.has_states))
 
 
 def mechanisms_of(family: Family) -> set[str]:
