@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ class Fitted:
         """Reduced chi-square."""
         return 2.0 * self.cost / self.freedom
 
-    @property
+    @cached_property
     def covariance(self) -> Floats:
         """(k, k) of the parameters in the solver's units, with which they are stated.
 
