@@ -379,7 +379,7 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
     """
     free = FreeLaws(axes, detail)
     acting = [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies)]
-    return [*acting, *_remembering(), *_giving(), _mounting(free)]
+    return [*acting, *_remembering(), *_presliding(), _mounting(free)]
 
 
 def _contact(free: FreeLaws) -> list[Family]:
@@ -449,15 +449,15 @@ def _remembering() -> list[Family]:
     return found
 
 
-def _giving() -> list[Family]:
-    """Families of dry friction that gives before it slides: what gives most of the time is no law over the speed."""
+def _presliding() -> list[Family]:
+    """Families of presliding friction, which has a memory: what gives most of the time is no law over the speed."""
     found = []
     for place, group in ((GUIDE, "guide"), (INDENTER, "indenter")):
         giving = [each for each in equations([place], []) if each.has_states]
         simplest = min(giving, key=lambda each: len(each.unknowns))
         strength = simplest.unknowns[0]._replace(value=LEAST_FRICTION)
         term = StrengthOnly(f"{simplest.name}, strength only", (strength,), simplest.effect, simplest.form, True)
-        found.append(Family(f"{group} that gives", group, (term,)))
+        found.append(Family(f"presliding {group}", group, (term,)))
     return found
 
 

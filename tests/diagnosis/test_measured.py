@@ -49,9 +49,9 @@ def test_play_is_counted_from_where_the_spring_is_as_stated():
     np.testing.assert_allclose(shown.y(model), law(shown.x), atol=0.02 * STIFFNESS * 3e-4)
 
 
-def test_friction_that_gives_begins_at_next_to_nothing_with_one_parameter():
+def test_presliding_friction_begins_at_next_to_nothing_with_one_parameter():
     found = {each.name: each for each in families(AXES, [60.0, 90.0, 120.0])}
-    family = found["indenter that gives"]
+    family = found["presliding indenter"]
     assert family.group == found["indenter"].group and family.size == 1 and family.has_states
     model = Model()
     family.terms[0].contribute(np.array([30.0]), model, POINT, AXES)
