@@ -94,12 +94,13 @@ def test_the_seed_gives_these_campaigns(record, answers):
             assert mine["parameters"] == pytest.approx(published["parameters"], rel=1e-12)
 
 
-def test_the_alternatives_are_told_as_they_were(record):
+def test_the_alternatives_are_told_as_they_were():
     pytest.importorskip("pysindy")
     from benchmarks.alternatives.tables import table
 
-    compared = json.loads((TRIAL / "alternatives.json").read_text(encoding="utf-8"))
+    (file,) = (TRIAL / "earlier").glob("*/alternatives.json")
+    compared = json.loads(file.read_text(encoding="utf-8"))
     page = (TRIAL / "README.md").read_text(encoding="utf-8")
-    assert str(record["seed"]) in json.dumps(compared["trial"])
+    assert file.parent.name in json.dumps(compared["trial"])
     for line in table(compared).splitlines():
         assert line in page

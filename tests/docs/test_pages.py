@@ -56,8 +56,8 @@ def test_counts_of_the_verdicts_page_are_those_of_the_newest_trial():
     assert f"| two mechanisms; three | {two} of {twos}; {three} of {threes} |" in page
     right, of, _ = counts("outside")
     assert f"| what no mechanism of the library covers | {right} of {of} |" in page
-    right, _, named = counts(*record["groups"])
-    low, high = wilson(right, 60)
+    right, of, named = counts(*record["groups"])
+    low, high = wilson(right, of)
     assert f"| {right} right (95 % interval {100 * low:.0f} to {100 * high:.0f} %), {named} named |" in page
     door = (ROOT / "docs" / "start" / "my-simulation-does-not-match.md").read_text(encoding="utf-8")
-    assert f"it was right in {right} of 60 campaigns" in door
+    assert f"it was right in {right} of {of} campaigns" in door
