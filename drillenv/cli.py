@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import drillenv
-from drillenv.checks import InputError, choice, count, shown
+from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.cli_campaign import add_campaign
 from drillenv.cli_controllers import add_export, add_film, add_league, add_record, add_train
 from drillenv.cli_options import Parser, add_commands, add_json, plain_number, print_json, whole_number
@@ -317,6 +318,8 @@ def _add_diagnose(parser: Parser) -> None:
     parser.add_argument("--only", default="", metavar="NAMES", help=note)
     note = "recordings of the drilling rig that are fitted side by side (default: 2)"
     parser.add_argument("--jobs", type=whole_number, default=None, metavar="N", help=note)
+    note = "processor seconds after which the search on a drilling rig ends with what has been found (default: none)"
+    parser.add_argument("--within", type=plain_number, default=None, metavar="S", help=note)
     add_json(parser)
     parser.set_defaults(run=_diagnose)
 
@@ -694,7 +697,8 @@ def _diagnose(given: argparse.Namespace) -> int:
     from drillenv.diagnosis.report import diagnose
 
     exclude, only = (_names(text) for text in (given.exclude, given.only))
-    report = diagnose(given.campaign, _stages(), exclude=exclude, jobs=given.jobs, only=only, interruptible=True)
+    within = math.inf if given.within is None else number("--within", given.within, 0.0, 1e9, "s")
+    report = diagnose(given.campaign, _stages(), exclude, given.jobs, only, interruptible=True, within=within)
     report.write(folder)
     if given.json:
         print_json(report.record)
@@ -702,7 +706,8 @@ def _diagnose(given: argparse.Namespace) -> int:
         print(report.text())
         print(f"wrote report.html, report.json and model.json to {folder}")
     if report.record.get("unfinished"):
-        return _say(f"interrupted while {report.record['unfinished']}: the report is unfinished", INTERRUPTED)
+        text = f"ended while {report.record['unfinished']}: the report is unfinished"
+        return _say(text, INTERRUPTED if given.within is None else 0)
     return 0
 
 

@@ -2,10 +2,10 @@
 
     python -m drillenv.blind.confined CAMPAIGN OUT TRIAL SECONDS
 
-runs ``drillenv diagnose CAMPAIGN --out OUT`` under an audit hook (PEP 578) that ends the process with the exit code
-``PEEKED`` where it opens, lists or links anything under TRIAL, imports a module of this room, starts a process or opens
-a connection. SECONDS bounds its processor time. What native code opens without Python's knowledge the hook does not
-see; the reports can be made again from the seed by anyone who doubts them.
+runs ``drillenv diagnose CAMPAIGN --out OUT --within S``, S the greater part of SECONDS, under an audit hook (PEP 578)
+that ends the process with the exit code ``PEEKED`` where it opens, lists or links anything under TRIAL, imports a
+module of this room, starts a process or opens a connection. SECONDS bounds its processor time. What native code opens
+without Python's knowledge the hook does not see; the reports can be made again from the seed by anyone who doubts them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import resource
 import sys
 
 PEEKED, OUT_OF_TIME = 97, 98
+SEARCH = 0.8
+"""Share of the time for the search; what it has found by then is held against recordings held out."""
 
 _PATHS = frozenset(
     (
@@ -73,7 +75,7 @@ def main(arguments: list[str]) -> int:
     from drillenv.compiling import forgo_help
 
     forgo_help()
-    return command(["diagnose", campaign, "--out", out])
+    return command(["diagnose", campaign, "--out", out, "--within", f"{SEARCH * limit:g}"])
 
 
 if __name__ == "__main__":

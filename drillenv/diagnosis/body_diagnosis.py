@@ -160,7 +160,7 @@ def as_sums(
             structure = replace(rest, terms=(*rest.terms, *pair))
             both = fit_to(data, structure, begun, own, pool, JOINED, THOROUGH, fitted.noise)
             fewer = size - sum(len(each.unknowns) for each in pair)
-            as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer)
+            as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted.samples)
             if as_well and (best is None or both.cost < best[0].cost):
                 best = both, pair
         if best is None:

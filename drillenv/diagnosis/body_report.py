@@ -157,7 +157,7 @@ class BodyReport:
     def explained(self) -> Explained:
         """Share of the mismatch that the mechanisms explain, or constants where there are none."""
         before = self.mismatch(self.plain if self.steps else self.believed)
-        return explained(before, self.mismatch(self.final), "rows left out of the fit")
+        return explained(before, self.mismatch(self.final), "rows left out of the fit", self.plain.samples)
 
     # --- the verdict
 

@@ -7,16 +7,23 @@ added, so that a coordinate tells shortenings from each other where the coupling
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import Axes, interpolate, slope
+from drillenv.diagnosis.tables import GRID, MARGIN, Axes, interpolate, slope
 from drillenv.diagnosis.terms import Model
 from drillenv.dynamics.constitutive.places import DAMPER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_B, C, K
 
 ADDED = 2e4
 """N/m, of the spring that is added: a third of the coupling's or less."""
+LEAST_SLOPE, LEAST_DAMPING = 0.5, 0.1
+"""Least slopes that are taken of the spring's law, over ADDED, and of the damper's, over c."""
+PRECISION, ITERATIONS = 1e-8, 60
+"""N to which laws are inverted, and steps by which they are at most."""
 
 
 def from_rest(y: Floats, model: Model) -> Floats:
@@ -34,7 +41,7 @@ def spring_coordinate(y: Floats, model: Model, axes: Axes) -> Floats:
 def spring_slope(y: Floats, model: Model, axes: Axes) -> Floats:
     """Its derivative, not less than half of the added stiffness."""
     found = model.s[K] + slope(model.curve(SPRING), axes, SPRING, y)
-    return np.maximum(found + slope_from_rest(y, model, axes), 0.5 * ADDED)
+    return np.maximum(found + slope_from_rest(y, model, axes), LEAST_SLOPE * ADDED)
 
 
 def slope_from_rest(y: Floats, model: Model, axes: Axes) -> Floats:
@@ -49,25 +56,49 @@ def damper_force(v: Floats, model: Model, axes: Axes) -> Floats:
 
 def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
     """Its derivative, not less than a tenth of c."""
-    return np.maximum(model.s[C] + slope(model.curve(DAMPER), axes, DAMPER, v), 0.1 * model.s[C])
+    return np.maximum(model.s[C] + slope(model.curve(DAMPER), axes, DAMPER, v), LEAST_DAMPING * model.s[C])
 
 
-def _inverted(force: Floats, at: Floats, law, derivative) -> Floats:
-    """Argument of a rising law at forces in N, by Newton's method from ``at``, and by bisection where it fails.
+@njit(cache=True, nogil=True)
+def _law_at(curve, axis, x):
+    """Value and derivative of a law (GRID,) at x on its axis (scale, low, step): as ``interpolate`` and ``slope``."""
+    scale, low, step = axis
+    at = (math.asinh(x / scale) - low) / step
+    inside = -MARGIN < at < GRID - 1.0 + MARGIN
+    at = min(max(at, -MARGIN), GRID - 1.0 + MARGIN)
+    i = min(max(int(at), 0), GRID - 2)
+    rise = curve[i + 1] - curve[i]
+    return curve[i] + (at - i) * rise, rise / (step * math.hypot(x, scale)) if inside else 0.0
 
-    The slope of a law with play changes by several times at the ends of it, between which Newton's method may go to
-    and fro.
+
+@njit(cache=True, nogil=True)
+def _inverted(force, factor, added, rest, curve, axis, curve_from_rest, axis_from_rest, least, at):
+    """Arguments ``at`` (n,) of a rising law at forces (n,) in N, by Newton's method and by bisection where it fails.
+
+    The law is factor x + added (x - rest) with a curve over x and another over x - rest; its slope is taken as
+    ``least`` or more. The slope of a law with play changes by several times at the ends of it, between which Newton's
+    method may go to and fro.
     """
-    low, high = np.full(at.shape, -np.inf), np.full(at.shape, np.inf)
-    for _ in range(40):
-        off = law(at) - force
-        if np.max(np.abs(off), initial=0.0) < 1e-8:
-            break
-        low, high = np.where(off < 0.0, at, low), np.where(off > 0.0, at, high)
-        step = at - off / derivative(at)
-        outside = np.isfinite(low) & np.isfinite(high) & ((step <= low) | (step >= high))
-        at = np.where(outside, 0.5 * (np.where(outside, low, 0.0) + np.where(outside, high, 0.0)), step)
-    return at
+    for k in range(at.size):
+        x, low, high = at[k], -np.inf, np.inf
+        for _ in range(ITERATIONS):
+            one, by_one = _law_at(curve, axis, x)
+            other, by_other = _law_at(curve_from_rest, axis_from_rest, x - rest)
+            off = factor * x + added * (x - rest) + one + other - force[k]
+            if not abs(off) > PRECISION:
+                break
+            if off < 0.0:
+                low = x
+            else:
+                high = x
+            x -= off / max(factor + added + by_one + by_other, least)
+            if low > -np.inf and high < np.inf and not low < x < high:
+                x = 0.5 * (low + high)
+        at[k] = x
+
+
+def _axis(axes: Axes, place: int) -> tuple[float, float, float]:
+    return float(axes.scale[place]), float(axes.low[place]), float(axes.step[place])
 
 
 def shortening(coordinate: Floats, model: Model, axes: Axes) -> Floats:
@@ -75,8 +106,13 @@ def shortening(coordinate: Floats, model: Model, axes: Axes) -> Floats:
     y = (coordinate + ADDED * model.s[F_B] / model.s[K]) / (model.s[K] + ADDED)
     if not (model.bends(SPRING) or model.bends(SPRING_FROM_REST)):
         return y
-    law, derivative = (lambda x: spring_coordinate(x, model, axes)), (lambda x: spring_slope(x, model, axes))
-    return _inverted(coordinate, y, law, derivative)
+    k, rest = float(model.s[K]), float(model.s[F_B] / model.s[K])
+    over, over_rest = (
+        (model.curve(SPRING), _axis(axes, SPRING)),
+        (model.curve(SPRING_FROM_REST), _axis(axes, SPRING_FROM_REST)),
+    )
+    _inverted(np.ascontiguousarray(coordinate), k, ADDED, rest, *over, *over_rest, LEAST_SLOPE * ADDED, y)
+    return y
 
 
 def closing_speed(force: Floats, model: Model, axes: Axes) -> Floats:
@@ -84,4 +120,6 @@ def closing_speed(force: Floats, model: Model, axes: Axes) -> Floats:
     v = force / model.s[C]
     if not model.bends(DAMPER):
         return v
-    return _inverted(force, v, lambda x: damper_force(x, model, axes), lambda x: damping_at(x, model, axes))
+    c, over = float(model.s[C]), (model.curve(DAMPER), _axis(axes, DAMPER))
+    _inverted(np.ascontiguousarray(force), c, 0.0, 0.0, *over, np.zeros(GRID), (1.0, 0.0, 1.0), LEAST_DAMPING * c, v)
+    return v

@@ -34,6 +34,7 @@ from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
 from drillenv.diagnosis.solver import Floats, Quadratic, factor
 from drillenv.diagnosis.tables import interpolate
 from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Model, ModelStructure, OperatingPoint, Term
+from drillenv.diagnosis.thresholds import CLOSE
 from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.constitutive.tables import NotSmoothError
 from drillenv.dynamics.hybrid.advance import WENT_ON
@@ -63,6 +64,8 @@ from drillenv.dynamics.hybrid.vector_field import (
 CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015, 0.015, 0.015])
 """Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
 indenter are free: a window's own samples say both to within the noise, and impacts magnify what is wrong of them."""
+MASSES = 4
+"""States of the two masses, which come first."""
 PRESSURE_LABEL = 0.006
 """Standard deviation of a pressure about its label, as a share: gauges are read to 1 %."""
 STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0, 1.0, 1.0])
@@ -71,19 +74,19 @@ Forces, for what the data say of a window does not change with the spring that i
 FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
 """Standard deviations of the first window's states about their first guess, in N, N, m/s and m: as large as they are,
 for the samples say little of them where sensors remember the time before."""
-IMPROBABLE = 3.0
+IMPROBABLE = 5.0
 """Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
 BENT = 50.0
 """N, standard deviation of the force of bristles where a recording begins: friction that a lab would not miss."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
 WORSE, CORRECTIONS = 10.0, 6
-"""Own unknowns whose step makes a recording worse, up to so many times, take so many steps more of their own."""
+"""Own unknowns whose step makes a recording worse, up to so many times, take so many steps of their own."""
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
 PATH_STEP = 84e-6
 """s from one state of a path to the next at most."""
-TOLERANCE = 1e-7
+TOLERANCE = 1e-6
 """Relative error of a step of the integrator."""
 GRAZING = 2e-3
 """m/s of a contact's speed below which the jump of the derivatives is held back."""
@@ -401,50 +404,50 @@ class ShootingProblem:
         return off, precision
 
     def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
-        """Cost and own unknowns after their step; windows that it makes worse take a part of it, or steps further."""
-        best, costs = self.costs(shared, own + move)
+        """Cost and own unknowns after their step; where it makes the recording worse, after steps of their own.
+
+        Where windows are joined, their states follow the shared parameters along a curve.
+        """
+        cost, at = self.moved(shared, own, move, before)
+        return self.settled(shared, at, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, at)
+
+    def moved(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+        """Cost and own unknowns after a step of theirs, or what of it costs least."""
         at = own + move
+        best, costs = self.costs(shared, at)
         if best <= before:
             return best, at
-        kept = self.state_count(own)
-        if self.weight <= 1.0:
+        if self.weight <= JOINED:
             # the step is along the continuity constraints' tangent: from there back to where they hold
             going_on = self.rollout(shared, at)
             cost = self.cost(shared, going_on)
-            if cost <= before:
-                return cost, going_on
-            if cost < best:
-                best, at, costs = cost, going_on, self.costs(shared, going_on)[1]
+            return (cost, going_on) if cost < best else (best, at)
+        kept = self.state_count(own)
         for share in (0.3, 0.0):
             part = own + share * move
             cost, other = self.costs(shared, part)
-            if cost < best:
-                best, at_best = cost, part
-            else:
-                at_best = at
-            if self.weight > 1.0:
-                # windows that are nearly free choose each for themselves
-                better = np.append(np.repeat(other < costs, kept), np.zeros(self.locals, dtype=bool))
-                chosen = np.where(better, part, at)
-                cost, mixed_costs = self.costs(shared, chosen)
-                if cost < best:
-                    best, at_best, costs = cost, chosen, mixed_costs
-            at = at_best
-        if before < best < WORSE * before:
-            # where windows are joined, their states follow the shared parameters along a curve
-            at = self.estimate_states(shared, at, CORRECTIONS)
-            best = self.cost(shared, at)
+            # windows that are nearly free choose each for themselves
+            better = np.append(np.repeat(other < costs, kept), np.zeros(self.locals, dtype=bool))
+            chosen = np.where(better, part, at)
+            mixed, mixed_costs = self.costs(shared, chosen)
+            if mixed < min(best, cost):
+                best, at, costs = mixed, chosen, mixed_costs
+            elif cost < best:
+                best, at, costs = cost, part, other
         return best, at
 
     def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
         """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin.
 
-        A recording whose pressure is not to be believed is begun anew as a whole: where friction holds a mass the one
-        way, or the other, its force and the pressure's can stand for each other.
+        A recording whose pressure is not to be believed is begun anew as a whole, once its model is close: where
+        friction holds a mass the one way, or the other, its force and the pressure's can stand for each other. In a
+        model that is far off pressures stand for all that it lacks.
         """
-        if abs(own[self.windows * self.state_count(own)]) > IMPROBABLE:
+        cost, costs = self.costs(shared, own)
+        close = self.weight <= JOINED and 2.0 * cost < CLOSE * self.samples
+        if close and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE:
             own = self.begun_anew(shared, own)
-        _, costs = self.costs(shared, own)
+            cost, costs = self.costs(shared, own)
         length = np.diff(self.data.starts)
         typical = float(np.median(costs / length))
         stray = costs / length > max(2.0 * typical, 1.5)
@@ -470,7 +473,7 @@ class ShootingProblem:
             _, other = self.costs(shared, begun)
             better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
             at, best = np.where(better, begun, at), np.minimum(best, other)
-        return at if self.cost(shared, at) < self.cost(shared, own) else own
+        return at if self.cost(shared, at) < cost else own
 
     def begun_anew(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
@@ -497,9 +500,12 @@ class ShootingProblem:
 
     def estimate_states(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after Levenberg-Marquardt steps of their own."""
-        cost, damping, part = self.cost(shared, own), 1e-3, None
-        if not math.isfinite(cost):
-            return own
+        cost = self.cost(shared, own)
+        return self.settled(shared, own, cost, steps)[1] if math.isfinite(cost) else own
+
+    def settled(self, shared: Floats, own: Floats, cost: float, steps: int) -> tuple[float, Floats]:
+        """The same from a known cost, with the cost after them."""
+        damping, part = 1e-3, None
         samples = self.samples
         for _ in range(steps):
             part = self.quadratic(shared, own, fixed=True) if part is None else part
@@ -507,12 +513,12 @@ class ShootingProblem:
             little = max(0.5, 1e-3 * (cost - 0.5 * samples))
             if -0.5 * float(part.by_own @ move) < little:
                 break
-            after, moved = self.try_step(shared, own, move, cost)
+            after, at = self.moved(shared, own, move, cost)
             if after < cost:
-                cost, own, damping, part = after, moved, 0.1 * damping, None
+                cost, own, damping, part = after, at, 0.1 * damping, None
             else:
                 damping *= 30.0
-        return own
+        return cost, own
 
     def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
         """(2, judged) measured less read, as the noise model weighs it."""
@@ -534,7 +540,15 @@ class ShootingProblem:
         """(windows - 1, kept) residuals of the continuity constraints."""
         kept = self.state_count(own)
         begin = self.begun(own, model)[:, :kept]
-        return (begin[1:] - raw.ends[:-1, :kept]) / (CONTINUITY[:kept] * self.weight)
+        return (begin[1:] - raw.ends[:-1, :kept]) / self.continuity(kept)
+
+    def continuity(self, kept: int) -> Floats:
+        """(kept,) standard deviations with which windows go on from each other.
+
+        States that come beside those of the masses forget how they began: where windows are nearly free, to leave
+        theirs free as well would let them explain anything.
+        """
+        return CONTINUITY[:kept] * np.where(np.arange(kept) < MASSES, self.weight, 1.0)
 
     def quadratic(self, shared: Floats, own: Floats, fixed: bool = False) -> Quadratic:
         """Negative log-likelihood with its derivatives; ``fixed`` leaves out those by the shared parameters."""
@@ -548,9 +562,12 @@ class ShootingProblem:
         shared_columns = np.zeros((0, *residual.shape)) if fixed else self.shared_columns(values, raw, seen, mixing)
         local_mixing = self.local_mixing(columns, model)
         wide = np.concatenate([self.local_columns(seen, local_mixing), shared_columns, residual[None]])
-        own_own, own_wide = self.window_products(values, raw, kept, wide)
-        flat = wide.reshape(len(wide), -1)
-        products = flat @ flat.T
+        # most parameters of recordings are of others, and change nothing here
+        there = wide.any(axis=(1, 2))
+        own_own, own_there = self.window_products(values, raw, kept, wide[there])
+        flat = wide[there].reshape(int(there.sum()), -1)
+        own_wide, products = np.zeros((len(own_own), len(wide))), np.zeros((len(wide), len(wide)))
+        own_wide[:, there], products[np.ix_(there, there)] = own_there, flat @ flat.T
         e_own, e_shared = self.defect_columns(raw, own.size, varied, mixing, local_mixing)
         g, m, count = defects.ravel(), self.windows * kept, self.locals
         off, precision = self.beliefs(own)
@@ -600,7 +617,7 @@ class ShootingProblem:
                     local_mixing: Floats) -> tuple[Floats, Floats]:  # fmt: skip
         """(gaps, own) and (gaps, parameters): derivatives of the continuity constraints."""
         kept = varied.by_own.shape[1]
-        over = CONTINUITY[:kept] * self.weight
+        over = self.continuity(kept)
         pairs = self.windows - 1
         by_own = np.zeros((pairs, kept, own))
         for i in range(pairs):
@@ -723,32 +740,58 @@ class ShootingProblem:
 
     def shared_columns(self, values: Floats, raw: Raw, seen: Floats, mixing: Floats) -> Floats:
         """(parameters, 2, judged) by what the weighed reading changes with each parameter in units of its width."""
-        n = self.data.force.size
-        moved = np.tensordot(mixing.T, seen, 1)
-        slow = self.point._replace(rate=self.data.rate)
-        read = self.read(values, raw.said)
-        at, rows, first = [], [], 0
-        for i, (term, own) in enumerate(zip(self.structure.terms, self.structure.split(values), strict=True)):
-            adds = type(term).observe is Term.observe and type(term).kernel is Term.kernel
-            for j in range(own.size if term.observes else 0):
-                step = 1e-4 * term.unknowns[j].width
-                ahead = own.copy()
-                ahead[j] += step
-                if adds:
-                    before, after = (term.add(each, slow, n, int(self.data.starts[0])) for each in (own, ahead))
-                    more = None if before is None or after is None else after - before
-                else:
-                    split = self.structure.split(values)
-                    split[i] = ahead
-                    more = self.read(np.concatenate(split), raw.said) - read
-                # what is of another recording changes nothing here
-                if more is not None and more.any():
-                    at.append(first + j)
-                    rows.append(more[:, self.judged] / step)
-            first += own.size
+        moved = np.zeros((mixing.shape[1], *seen.shape[1:]))
+        by_motion = mixing.any(axis=0)
+        moved[by_motion] = np.tensordot(mixing.T[by_motion], seen, 1)
+        at, rows = self.changes_of_reading(values, raw.said)
         if rows:
-            moved[at] += self.mask_and_whiten(np.array(rows))
+            np.add.at(moved, at, self.mask_and_whiten(np.array(rows)[:, :, self.judged]))
         return moved * self.widths[:, None, None]
+
+    def changes_of_reading(self, values: Floats, said: Floats) -> tuple[list[int], list[Floats]]:
+        """Parameters of sensors and logger, and by what (2, n) the reading changes with each."""
+        terms, split = self.structure.terms, self.structure.split(values)
+        firsts = np.cumsum([0, *(own.size for own in split)])
+        slow, n, begun = self.point._replace(rate=self.data.rate), self.data.force.size, int(self.data.starts[0])
+        at, rows = [], []
+
+        def note(i: int, j: int, change: Floats) -> None:
+            # what is of another recording changes nothing here
+            if change.any():
+                at.append(int(firsts[i]) + j)
+                rows.append(change / step_of(terms[i], j))
+
+        line, signals = self.structure.in_line, said
+        for place, i in enumerate(line):
+            passed = terms[i].observe(split[i], signals, self.point)
+            for j, ahead in enumerate(steps_ahead(terms[i], split[i])):
+                more = terms[i].observe(ahead, signals, self.point) - passed
+                for k in line[place + 1 :]:
+                    more = terms[k].observe(split[k], more, self.point)
+                note(i, j, self.sampled(values, more))
+            signals = passed
+        for i, (term, own) in enumerate(zip(terms, split, strict=True)):
+            adds, filters = type(term).add is not Term.add, type(term).kernel is not Term.kernel
+            for j, ahead in enumerate(steps_ahead(term, own) if adds or filters else ()):
+                if adds:
+                    before, after = (term.add(each, slow, n, begun) for each in (own, ahead))
+                    if before is not None and after is not None:
+                        note(i, j, after - before)
+                if filters:
+                    kernels = (term.kernel(each, self.fine) for each in (own, ahead))
+                    before, after = (decimated(signals, each, self.fine, self.data.thinned) for each in kernels)
+                    note(i, j, after - before)
+        return at, rows
+
+
+def step_of(term: Term, parameter: int) -> float:
+    """By which a sensor's parameter is moved to differentiate what is read."""
+    return 1e-4 * term.unknowns[parameter].width
+
+
+def steps_ahead(term: Term, own: Floats) -> list[Floats]:
+    """Its parameters, each of them in turn moved by its step."""
+    return [own + step_of(term, j) * (np.arange(own.size) == j) for j in range(own.size)]
 
 
 def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from concurrent.futures import Executor
 
@@ -14,11 +15,14 @@ from drillenv.diagnosis.drill_identification import law_of, mechanisms_of, rival
 from drillenv.diagnosis.drill_noise import Noise, noise_left, noise_of
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import (
+    CURVED,
     MOUNT_LAW,
+    STRAIGHT,
     Equivalent,
     Family,
     axes_of,
     families,
+    kind_of_contact,
     kind_of_spring,
     reparametrise_to_nominal,
 )
@@ -30,7 +34,7 @@ from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
 from drillenv.diagnosis.terms import ModelStructure
-from drillenv.dynamics.constitutive.places import SPRING
+from drillenv.dynamics.constitutive.places import LOADING, SPRING
 from drillenv.dynamics.effects import mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
@@ -114,6 +118,10 @@ class DrillRig:
         if isinstance(family.terms[0], Sensor) and family.group == ACCELEROMETER:
             rate = min(block.data.rate for block in fitted.blocks)
             return mechanism_of_law(kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate))
+        if family.group == CURVED:
+            model = law_of(fitted, family.terms, fitted.blocks[0].point)
+            stated = next(each.value for each in fitted.structure.unknowns if each.name == STRAIGHT[LOADING])
+            return mechanism_of_law(kind_of_contact(model.curve(LOADING) + math.log(model.s[V.KL] / stated)))
         if nearest:
             return nearest
         if family.group != "spring":

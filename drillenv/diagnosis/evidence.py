@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.thresholds import WELL_EXPLAINED
+from drillenv.diagnosis.thresholds import NOISE_KNOWN, WELL_EXPLAINED
 
 Verdict = Literal["agrees", "parameters", "missing-physics", "unexplained"]
 DRAWS = 2000
@@ -44,11 +44,11 @@ class Explained(NamedTuple):
         return f"This accounts for {share} (95 % interval {low:.3g} to {high:.3g} %)."
 
 
-def explained(before: Floats, after: Floats, of: str) -> Explained:
+def explained(before: Floats, after: Floats, of: str, samples: int = 0) -> Explained:
     """How much of a mismatch is gone: (parts,) of it before and after; ``of`` says in words what the parts are of.
 
-    Of a part that the second model cannot follow nothing is explained; one that the first cannot counts as the worst
-    of the others.
+    A mismatch is seen where it is more than the noise of so many ``samples`` is known to. Of a part that the second
+    model cannot follow nothing is explained; one that the first cannot counts as the worst of the others.
     """
     followed = np.isfinite(before) & np.isfinite(after)
     if not followed.any():
@@ -56,13 +56,15 @@ def explained(before: Floats, after: Floats, of: str) -> Explained:
     largest = float(np.max(before[followed]))
     before = np.where(np.isfinite(before), before, largest)
     after = np.where(np.isfinite(after), after, before)
+    if before.sum() <= NOISE_KNOWN * samples:
+        return Explained(0.0, 0.0, 0.0, of)
     drawn = np.random.default_rng(SEED).integers(before.size, size=(DRAWS, before.size))
     totals = before[drawn].sum(axis=1)
     left = after[drawn].sum(axis=1)
     # of a mismatch that is not seen nothing is explained
     shares = np.where(totals > 0.0, 1.0 - left / np.where(totals > 0.0, totals, 1.0), 0.0)
     low, high = np.percentile(shares, [2.5, 97.5])
-    share = 1.0 - float(after.sum()) / float(before.sum()) if before.sum() > 0.0 else 0.0
+    share = 1.0 - float(after.sum()) / float(before.sum())
     return Explained(min(share, 1.0), min(float(low), 1.0), min(float(high), 1.0), of)
 
 

@@ -82,6 +82,9 @@ class Fitted:
         clustered by recordings (H. White, Econometrica 50 (1982) 1-25).
         """
         found = self.fit.covariance
+        if not self.fit.parts:
+            # of a motion that could not be followed nothing is known
+            return found
         moved = np.array([eliminated(part, 0.0)[0] for part in self.fit.parts]) @ found
         count = len(moved)
         clustered = np.sum(moved**2, axis=0) * count / max(count - 1, 1)

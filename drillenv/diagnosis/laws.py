@@ -76,6 +76,10 @@ MOUNT_LAW = "mount law"
 """The family that corrects a mount, where there is one."""
 HARDENING, SATURATING = "hardening spring", "saturating spring"
 """What a spring's law may be."""
+CURVED, SOFT_LAYER = "contact law", "soft layer"
+"""What a contact's law may be."""
+STRAIGHT_END = 0.05
+"""Change of a contact's stiffness over the last third of its force, within which its law ends straight."""
 
 
 @dataclass(frozen=True)
@@ -125,31 +129,29 @@ class Gain(Term):
 
 @dataclass(frozen=True)
 class Air(Term):
-    """Pressure that falls as the piston advances and recovers with the time ``tau``; its stiffness is free."""
+    """Pressure that falls as the piston advances and recovers: stiffness, and logarithm of the time in s."""
 
-    tau: float = 0.2
     has_states = True
 
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the air's stiffness."""
         model.s[V.AIR_STIFFNESS] += values[0]
-        model.s[V.AIR_RATE] = 1.0 / self.tau
+        model.s[V.AIR_RATE] = math.exp(-values[1])
 
 
 @dataclass(frozen=True)
 class Mount(Term):
-    """A rock that gives: one mode of the frequency (Hz) and damping ratio; its gain (1/kg) is free."""
+    """A rock that gives, by one mode: gain in 1/kg, logarithm of the frequency in Hz, and damping ratio."""
 
-    frequency: float = 100.0
-    ratio: float = 0.1
     has_states = True
 
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the mode."""
-        turn = TWO_PI * self.frequency
-        model.s[V.MOUNT_GAIN] += values[0]
+        gain, logarithm, ratio = values
+        turn = TWO_PI * math.exp(logarithm)
+        model.s[V.MOUNT_GAIN] += gain
         model.s[V.MOUNT_SQUARE] = turn**2
-        model.s[V.MOUNT_DAMPING] = 2.0 * self.ratio * turn
+        model.s[V.MOUNT_DAMPING] = 2.0 * ratio * turn
 
 
 @dataclass(frozen=True)
@@ -395,7 +397,7 @@ def _contact(free: FreeLaws) -> list[Family]:
     # a face that has been hit for long changes no more
     compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:5])
     return [
-        Family("contact law", "contact law", law),
+        Family(CURVED, CURVED, law),
         Family("contact speed", "contact speed", rate),
         Family("compaction", "compaction", (compaction,)),
     ]
@@ -439,12 +441,15 @@ def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
 
 
 def _remembering() -> list[Family]:
-    """Families with states of their own, at several time constants and frequencies."""
+    """Families with states of their own, from several time constants and frequencies on."""
     found = []
     for tau in (0.06, 0.4):
-        found.append(Family(f"air {tau:g} s", "air", (Air("air", coefficients("air", 1, 1e4), tau),)))
+        time = Unknown("logarithm of its time", math.log(tau), 0.2, low=math.log(0.01), high=math.log(10.0))
+        found.append(Family(f"air {tau:g} s", "air", (Air("air", (*coefficients("air", 1, 1e4), time)),)))
     for f in (60.0, 150.0, 380.0):
-        mode = Mount("mount", coefficients("mount", 1, 0.01), f)
+        turn = Unknown("logarithm of its frequency", math.log(f), 0.1, low=math.log(20.0), high=math.log(2000.0))
+        ratio = Unknown("damping ratio", 0.1, 0.02, low=0.005, high=1.0)
+        mode = Mount("mount", (*coefficients("mount", 1, 0.01), turn, ratio))
         found.append(Family(f"mount {f:g} Hz", "mount", (mode,)))
     return found
 
@@ -566,6 +571,17 @@ def kind_of_spring(x: Floats, law: Floats) -> str:
     thirds = zip(np.array_split(x, 3), np.array_split(law, 3), strict=True)
     low, middle, high = (np.polyfit(at, y, 1)[0] for at, y in thirds)
     return SATURATING if 0.5 * (low + high) < middle else HARDENING
+
+
+def kind_of_contact(stiffness: Floats) -> str:
+    """What a contact's law is, by the logarithm of its stiffness over that stated, (n,) over the force.
+
+    A soft layer is softer at first, and ends in the rock's own stiffness.
+    """
+    end = len(stiffness) // 3
+    straight = abs(float(np.ptp(stiffness[-end:]))) < STRAIGHT_END
+    first, last = float(stiffness[0]), float(stiffness[-1])
+    return SOFT_LAYER if straight and first < last and abs(last) < abs(first) else CURVED
 
 
 def normalised(basis: Floats) -> Floats:

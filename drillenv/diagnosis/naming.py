@@ -15,7 +15,7 @@ from drillenv.diagnosis.fitting import Fitted, fit_to
 from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR
+from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR, NOISE_KNOWN
 
 FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)
 """Steps of an equation's fit before it is seen whether it explains anything, and after."""
@@ -40,9 +40,13 @@ class Named:
     """The nearest equation with its parameters."""
 
     @staticmethod
-    def does_as_well(worse: float, gain: float, freedom: int) -> bool:
-        """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one."""
-        return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + LAW_ERROR**2 * gain
+    def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
+        """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one.
+
+        What it leaves of the law's gain must not stand out of the noise of so many samples.
+        """
+        left = min(LAW_ERROR**2 * gain, 0.5 * NOISE_KNOWN * samples)
+        return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + left
 
 
 def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[ModelStructure, Floats]:
@@ -98,7 +102,8 @@ def name_law(
     rest = on_axes(rest, wider(rest.axes))
     done = False
     for equation, starts, worse in fitted.structure.rig.rivals(fitted, family):
-        if tried and worse > gain:
+        # once one does as well, others are tried that may do better
+        if tried and worse > (MOST * gain if done else gain):
             continue
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
@@ -109,12 +114,12 @@ def name_law(
                     data, structure, other.fit.shared, other.fit.own, pool, fitted.weight, THOROUGH, fitted.noise
                 )
             fewer = family.size - len(equation.unknowns)
-            as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer)
+            as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
             if not as_well and other.cost - fitted.cost < MOST * gain:
                 other = with_constant_freed(data, other, equation, pool)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((equation, other))
-            done = done or Named.does_as_well(other.cost - fitted.cost, gain, fewer)
+            done = done or Named.does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
@@ -123,7 +128,7 @@ def name_law(
         # of those that do as well the one with fewer parameters, by the criterion of Schwarz
         equation, other = pair
         size = len(equation.unknowns)
-        as_well = Named.does_as_well(other.cost - fitted.cost, gain, family.size - size)
+        as_well = Named.does_as_well(other.cost - fitted.cost, gain, family.size - size, fitted.samples)
         return not as_well, other.cost + 0.5 * size * math.log(fitted.samples)
 
     tried.sort(key=rank)
@@ -134,6 +139,6 @@ def name_law(
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
     explains = found.cost - fitted.cost < MOST * gain
     mechanism = fitted.structure.rig.mechanism_of(fitted, family, best.effect if explains else "")
-    if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns)):
+    if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns), fitted.samples):
         return Named(family, best.effect, best, nearest, (best, found.values_of(best.name))), found
     return Named(family, mechanism, None, nearest, (best, found.values_of(best.name))), fitted

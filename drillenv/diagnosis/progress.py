@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -41,25 +42,47 @@ class Known(NamedTuple):
     tested: ScoreTests
 
 
-class Progress:
-    """Says where a diagnosis is, and keeps what it has found."""
+class OutOfTime(KeyboardInterrupt):
+    """What a search may take is used up."""
 
-    def __init__(self, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
-        """Into ``say``, by a ``clock`` in s."""
-        self.say = say
+
+class Progress:
+    """Says where a diagnosis is, keeps what it has found, and ends the search where its time is up."""
+
+    def __init__(
+        self,
+        say: Callable[[str], object],
+        within: float = math.inf,
+        clock: Callable[[], float] = time.monotonic,
+        processor: Callable[[], float] = time.process_time,
+    ) -> None:
+        """Into ``say``; the search may take ``within`` s by the ``processor``, estimates are by the ``clock`` in s."""
         self.known: Known | None = None
         self.doing = ""
         self.stopped = ""
         """What was being done as it was interrupted."""
-        self._clock = clock
+        self._say = say
+        self._clock, self._processor = clock, processor
         self._first: float | None = None
-        self._begun = clock()
+        self._begun, self._last = clock(), processor() + within
+        self._searching = False
+
+    def say(self, text: str) -> None:
+        """Tell what is being done.
+
+        Raises:
+            OutOfTime: the search has taken what it may, and something is known.
+        """
+        self._say(text)
+        if self._searching and self.known is not None and self._processor() > self._last:
+            raise OutOfTime
 
     def stage(self, stage: Stage) -> None:
         """A stage begins."""
         if self._first is None and stage.number > FITTING.number:
             self._first = self._clock() - self._begun
         self.doing: str = stage.doing
+        self._searching = stage is not PROVING
         estimate = ""
         if self._first is not None:
             estimate = f"; {span(stage.least * self._first, stage.most * self._first)} to go"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -81,6 +82,7 @@ def diagnose(
     jobs: int | None = None,
     only: Sequence[str] = (),
     interruptible: bool = False,
+    within: float = math.inf,
 ) -> Report:
     """Find out where and why the recordings of a rig differ from its model.
 
@@ -93,6 +95,8 @@ def diagnose(
             nothing is looked for; all of it where there are none. Constants are always.
         interruptible: Whether an interruption from the keyboard ends the search on a drilling rig with a report of what
             has been found so far, which says that it is unfinished.
+        within: Processor seconds after which the search on a drilling rig ends in the same way; to hold what was found
+            against recordings held out takes a little longer.
 
     Raises:
         InputError: the campaign cannot be read, has no recording of a name to exclude, or holds too little that can be
@@ -113,7 +117,7 @@ def diagnose(
     campaign, shortened = excerpts(campaign)
     campaign, unusable = without_unusable(campaign, nominal_rig(campaign))
     with helped(COMPILE_DERIVATIVES):
-        outcome = diagnose_drill(campaign, note, jobs, scope, interruptible)
+        outcome = diagnose_drill(campaign, note, jobs, scope, interruptible, within)
     model = stated(campaign) if outcome.verdict == "unexplained" else corrected(outcome)
     record = record_of(outcome, [str(each) for each in faults], [*left_out, *shortened, *unusable])
     record = bounded({**origin, **record}, only, outcome.stopped)

@@ -65,7 +65,7 @@ def bounded(record: Mapping[str, Any], names: Sequence[str], stopped: str) -> di
     if names:
         said.append(f"Nothing but {' and '.join(names)} was looked for: what else may be missing is not known.")
     if stopped:
-        said.append(f"The diagnosis was interrupted while {stopped}: it is unfinished, and more may be missing.")
+        said.append(f"The diagnosis was ended while {stopped}: it is unfinished, and more may be missing.")
     if not said:
         return dict(record)
     where = dict(record["where"]) | {"summary": " ".join([*said, record["where"]["summary"]])}

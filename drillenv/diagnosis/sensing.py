@@ -34,6 +34,8 @@ BROAD, NARROW = 0.06, 0.03  # damping ratios of its resonators where there are m
 OVERDAMPED = 0.6
 """Damping ratio beyond which a resonance raises no frequency and is a low-pass."""
 CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
+OVERTONES = (1, 2, 3, 4, 5)
+"""Orders of the mains that a hum may have: of a rectifier, and of a transformer that saturates."""
 GAINS = 2 * len(SLOW_CORNERS)
 """Of a high-pass, by channel and corner."""
 ACCELEROMETER = "accelerometer response"
@@ -98,16 +100,22 @@ def kind_of_response(term: Sensor, values: Floats, rate: float) -> str:
     return FALLING if float(gain.min()) < 1.0 - NOT_LEVEL else LEVEL
 
 
-def _filtered(x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False) -> Floats:
-    """(..., n) through a low-pass, or a resonator: what that lets pass below, or the band about its frequency."""
+@lru_cache(4096)
+def _coefficients(rate: float, frequency: float, ratio: float | None, band: bool) -> tuple[Floats, Floats]:
     turn = TWO_PI * frequency
     under = (1.0, turn) if ratio is None else (1.0, 2.0 * ratio * turn, turn**2)
     made: Any = cont2discrete(((turn, 0.0) if band else under[-1:], under), 1.0 / rate, method="foh")
+    return np.atleast_1d(np.squeeze(made[0])), made[1]
+
+
+def _filtered(x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False) -> Floats:
+    """(..., n) through a low-pass, or a resonator: what that lets pass below, or the band about its frequency."""
+    over, under = _coefficients(rate, float(frequency), None if ratio is None else float(ratio), band)
     start = x[..., :1]
     bent = x - start
     # a signal that bends lies beyond the straight line between its samples, by a twelfth of its second difference
     bent[..., 1:-1] -= (x[..., :-2] - 2.0 * x[..., 1:-1] + x[..., 2:]) / 12.0
-    passed = np.asarray(lfilter(np.atleast_1d(np.squeeze(made[0])), made[1], bent, axis=-1))
+    passed = np.asarray(lfilter(over, under, bent, axis=-1))
     return passed if band else passed + start
 
 
@@ -165,6 +173,13 @@ def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -
     masses = zip(values[1:], CELL_CORNERS, strict=False)
     behind = sum(mass * _filtered(acceleration, rate, corner) for mass, corner in masses if mass)
     return force + values[0] * acceleration + behind, acceleration
+
+
+def _cell(rings: tuple[float, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
+    masses, own = np.split(values, [1 + len(CELL_CORNERS)])
+    carried, acceleration = _inertia(masses, force, acceleration, rate)
+    kernels, first = _kernels(rings, rate)
+    return carried + (_convolved(force, own @ kernels, first) if np.any(own) else 0.0), acceleration
 
 
 def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
@@ -346,6 +361,10 @@ def _free(names: Sequence[str], width: float, unit: str = "1") -> tuple[Unknown,
     return tuple(Unknown(name, 0.0, width, 30.0 * width, unit=unit) for name in names)
 
 
+CELL_MASSES = _free(["m_c"] + [f"m_c {corner:g} Hz" for corner in CELL_CORNERS], 0.02, "kg")
+"""Of a load cell: rigid, and behind low-passes."""
+
+
 def _own(effect: str, widths: dict[str, float], at: dict[str, float]) -> tuple[Unknown, ...]:
     """Parameters of the library; what may come late may come early."""
     its = [REGISTRY[effect].parameter(symbol) for symbol in widths]
@@ -360,12 +379,21 @@ def _resonators(count: int, rate: float) -> tuple[float, ...]:
     return tuple(float(each) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.4 * rate)
 
 
-def free_response(rings: Sequence[float]) -> Law:
-    """Any response of an accelerometer that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
+def _parts(rings: Sequence[float]) -> tuple[Unknown, ...]:
+    """Of a free response that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
     smooth = [f"lag {1e6 * lag:g} us" for lag in LAGS] + [f"low-pass {corner:g} Hz" for corner in CORNERS]
     parts = ("below", "band", "below again", "band again")[: 4 if len(rings) == 1 else 2]
-    own = _free(smooth, 0.2) + _free([f"ring {each:.0f} Hz {part}" for each in rings for part in parts], 0.1)
-    return Law(ACCELEROMETER, own, 1, law=partial(_response, tuple(rings)))
+    return _free(smooth, 0.2) + _free([f"ring {each:.0f} Hz {part}" for each in rings for part in parts], 0.1)
+
+
+def free_response(rings: Sequence[float]) -> Law:
+    """Any response of an accelerometer that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
+    return Law(ACCELEROMETER, _parts(rings), 1, law=partial(_response, tuple(rings)))
+
+
+def free_cell(rings: Sequence[float]) -> Law:
+    """A load cell of any such response that carries a mass."""
+    return Law("load cell response", CELL_MASSES + _parts(rings), 0, law=partial(_cell, tuple(rings)))
 
 
 def added(
@@ -374,7 +402,7 @@ def added(
     """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz."""
     # terms of a model are told apart by name, and a free law may correct the library's equation
     what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
-    what += " that drifts" if drifts else ""
+    what += " that drifts" if drifts else " with overtones" if len(orders) == len(OVERTONES) else ""
     effect = mechanism_of_law("hum") if first else ""
     waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or ["", " drift"][: 1 + drifts]
     for name in names:
@@ -405,7 +433,6 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
 
 def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> list[Family]:
     """Free laws at zero, of these recordings; ``rings`` adds responses with one resonator each, for weak damping."""
-    masses = ["m_c"] + [f"m_c {corner:g} Hz" for corner in CELL_CORNERS]
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     charges = [
         each
@@ -418,10 +445,12 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         (ACCELEROMETER, "", free_response(_resonators(8, rate))),
         ("lag", "", Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
-        ("load cell", "", Law("load cell", _free(masses, 0.02, "kg"), 0, law=_inertia)),
+        ("load cell", "", Law("load cell", CELL_MASSES, 0, law=_inertia)),
+        ("load cell", " with a response of its own", free_cell(_resonators(8, rate))),
         ("offset", "", added(names)),
         ("offset", " that drifts", added(names, drifts=True)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
+        *(("hum", f" {line:g} Hz with overtones", added(names, line, OVERTONES)) for line in (50.0, 60.0)),
         ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *charges), 3, names=tuple(names))),
         ("crosstalk", "", Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]

@@ -248,8 +248,13 @@ class ModelStructure:
 
     def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """What is read of signals (..., 2, n)."""
-        pairs = sorted(zip(self.terms, self.split(values), strict=True), key=lambda pair: pair[0].stage)
-        for term, own in pairs:
-            if type(term).observe is not Term.observe:
-                signals = term.observe(own, signals, point)
+        split = self.split(values)
+        for i in self.in_line:
+            signals = self.terms[i].observe(split[i], signals, point)
         return signals
+
+    @property
+    def in_line(self) -> list[int]:
+        """Terms that signals pass, in their order."""
+        passed = [i for i, term in enumerate(self.terms) if type(term).observe is not Term.observe]
+        return sorted(passed, key=lambda i: self.terms[i].stage)

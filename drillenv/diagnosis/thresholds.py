@@ -14,7 +14,9 @@ SEVERAL = 3.5
 """Stated standard deviations from which a constant is wrong: labs misjudge theirs by a half."""
 LEFT = 0.06
 """Over-dispersion, as a share of the noise's power up to 6 kHz, to which recordings are thinned, up to which nothing is
-left to explain. The noise's level is estimated from the same residuals, to one or two hundredths."""
+left to explain."""
+NOISE_KNOWN = 0.02
+"""Relative error of the noise's power: it is estimated from the same residuals, to one or two hundredths."""
 LAW_ERROR = 0.05
 """Relative error up to which an equation is said to give a fitted law: it leaves a share LAW_ERROR^2 of its gain. The
 trial's rules ask for laws within a tenth."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,14 +17,14 @@ from drillenv.checks import InputError
 from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, common_lag, condition
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import PRESSURE_LABEL, ShootingProblem, first_states, resized
+from drillenv.diagnosis.drill import MASSES, PRESSURE_LABEL, ShootingProblem, first_states, resized
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.fitting import FREE, GRADUAL, JOINED, Fitted, fit_to, joined, priors_of
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
-from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, Progress
+from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, OutOfTime, Progress
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import ScoreTests, Step, forward
 from drillenv.diagnosis.sensing import Added
@@ -113,6 +115,7 @@ def diagnose_drill(
     jobs: int = CORES,
     scope: Scope | None = None,
     interruptible: bool = False,
+    within: float = math.inf,
 ) -> Outcome:
     """Explain a campaign of the drilling rig.
 
@@ -123,24 +126,27 @@ def diagnose_drill(
         scope: What is searched; everything where None.
         interruptible: Whether an interruption, once the paper's model has been fitted, ends the search with what has
             been found so far, in place of everything.
+        within: Processor seconds after which the search ends in the same way.
 
     Raises:
         InputError: it holds too little that can be used, or lacks a constant.
         KeyboardInterrupt: it was interrupted and not to be ended so, or had found nothing yet.
     """
     say = note or (lambda _text: None)
+    last = time.process_time() + within
     campaign, labels = with_labels_corrected(campaign)
     for label in labels:
         say(label.sentence)
-    outcome = search(campaign, say, jobs, scope, interruptible)
+    outcome = search(campaign, say, jobs, scope, interruptible, within)
     if outcome.stopped:
         return replace(outcome, labels=labels)
     alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
     if alone is not None:
         say(f"{alone} disagrees more than all the others together: once more without it")
         rest = tuple(each for each in campaign.recordings if each.name != alone)
-        again = search(replace(campaign, recordings=rest), say, jobs, scope)
-        if again.verdict != "unexplained":
+        left = max(last - time.process_time(), 0.0)
+        again = search(replace(campaign, recordings=rest), say, jobs, scope, interruptible, left)
+        if again.verdict != "unexplained" and not again.stopped:
             # a corrected label of it has not helped
             labels = [each for each in labels if each.recording != alone]
             outcome, labels = again, [*labels, Label(alone, "use", "fit", "set aside", None)]
@@ -153,6 +159,7 @@ def search(
     jobs: int = CORES,
     scope: Scope | None = None,
     interruptible: bool = False,
+    within: float = math.inf,
 ) -> Outcome:
     """The verdict on recordings as they are labelled; arguments as of :func:`diagnose_drill`."""
     rig = nominal_rig(campaign)
@@ -165,12 +172,12 @@ def search(
     held_data = [each for i, each in enumerate(data) if i in held]
     # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
-        progress = Progress(say)
+        progress = Progress(say, within)
         try:
             begun, plain, final, steps, tested = selected(campaign, fit_data, pool, progress, scope)
             plain = (plain or reestimate_states(fit_data, begun, final, pool)) if steps else final
-        except KeyboardInterrupt:
-            if not interruptible or progress.known is None:
+        except KeyboardInterrupt as interrupted:
+            if progress.known is None or not (interruptible or isinstance(interrupted, OutOfTime)):
                 raise
             plain, final, steps, tested = progress.known
             progress.stopped = progress.doing
@@ -449,6 +456,8 @@ def estimate_states_of(
     behind = slice(windows * size, windows * size + 2)
     if beginning is not None:
         states, own[behind] = beginning
+        # a mount is pressed in, and air has given way, further on as well
+        own[: windows * size].reshape(windows, size)[:, MASSES:] = states[:, MASSES:].mean(axis=0)
         own[: states.size] = states.ravel()
     shared = fitted.fit.shared
 
@@ -575,7 +584,8 @@ def excess_chi_square(blocks: Sequence[StateEstimate]) -> Floats:
 def share_explained(plain: Fitted, final: Fitted, proof: Proof) -> Explained:
     """Share of the paper's model's mismatch that is gone, of recordings that were not fitted where there are any."""
     before, after = (proof.before, proof.after) if proof.after else (estimates_of(plain), estimates_of(final))
-    return explained(excess_chi_square(before), excess_chi_square(after), proof.of)
+    samples = sum(each.block.samples for each in before)
+    return explained(excess_chi_square(before), excess_chi_square(after), proof.of, samples)
 
 
 def estimates_of(fitted: Fitted) -> list[StateEstimate]:

@@ -13,6 +13,7 @@ FREE_LAWS: Mapping[str, str] = MappingProxyType(
     {
         # forces of the rock
         "contact law": "stiffness of the rock over its force, on the way in and on the way out",
+        "soft layer": "the same, softer only at first: it ends straight, in the stiffness that the lab states",
         "contact speed": "force of the rock over the speed into it",
         "compaction": "stiffness of the rock over the impacts on a fresh face",
         "mount": "displacement of the rock's face under its force: one mode",

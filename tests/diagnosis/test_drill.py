@@ -9,12 +9,13 @@ import pytest
 from drillenv import Rig
 from drillenv.diagnosis import drill
 from drillenv.diagnosis.condition import condition
-from drillenv.diagnosis.coupling import shortening, spring_coordinate
-from drillenv.diagnosis.drill import first_states
+from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
+from drillenv.diagnosis.drill import MASSES, first_states
+from drillenv.diagnosis.fitting import FREE, JOINED
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import SPRING_FROM_REST
-from drillenv.dynamics.hybrid.vector_field import F_A, F_B, K, Y
+from drillenv.dynamics.hybrid.vector_field import F_A, F_B, OWN, K, Y
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
 
 FREQUENCIES = (60.0, 90.0, 120.0)
@@ -114,3 +115,20 @@ def test_the_shortening_is_found_where_the_coupling_has_play(plain):
     y = np.linspace(-1e-3, 5e-3, 400)
     found = shortening(spring_coordinate(y, model, axes), model, axes)
     assert np.max(np.abs(found - y)) < 1e-9
+
+
+@pytest.mark.parametrize("group", ["spring", "damper"])
+def test_forces_of_the_coupling_are_inverted(plain, group):
+    block, shared, _ = with_law(plain, group)
+    model, axes = block.structure.model(shared * block.widths, block.point), block.structure.axes
+    x = np.linspace(-1.5, 1.5, 301)
+    assert shortening(spring_coordinate(4e-3 * x, model, axes), model, axes) == pytest.approx(4e-3 * x, abs=1e-11)
+    assert closing_speed(damper_force(x, model, axes), model, axes) == pytest.approx(x, abs=1e-9)
+
+
+def test_what_comes_beside_the_masses_goes_on_where_windows_are_free(plain):
+    """Else a mount or the air could begin in each window where it explains most, without any strength."""
+    block, _, _ = plain
+    tight, loose = (replace(block, weight=weight).continuity(OWN) for weight in (JOINED, FREE))
+    assert np.all(tight[MASSES:] == loose[MASSES:])
+    assert loose[Y] == FREE * tight[Y]

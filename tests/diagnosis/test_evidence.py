@@ -40,6 +40,9 @@ def test_where_no_mismatch_is_seen_nothing_is_proved():
     assert found.share == found.low == found.high == 0.0
     assert found.sentence == "The mismatch does not stand out of the noise on parts."
     assert classify(True, False, False, True, found) == "unexplained"
+    before, after = np.full(20, 4.0), np.full(20, 8.0)
+    assert explained(before, after, "parts", 10_000).share == 0.0
+    assert explained(before, after, "parts", 1_000).share == -1.0
 
 
 def test_of_parts_that_a_model_cannot_follow_nothing_is_explained():

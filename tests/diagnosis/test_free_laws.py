@@ -10,7 +10,7 @@ import drillenv.diagnosis
 from drillenv.checks import InputError
 from drillenv.diagnosis.body import Autoregression
 from drillenv.diagnosis.body_rig import BodyRig, Scale
-from drillenv.diagnosis.laws import HARDENING, SATURATING, Family, families
+from drillenv.diagnosis.laws import HARDENING, SATURATING, SOFT_LAYER, Family, families
 from drillenv.diagnosis.sensing import RESPONSES, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -56,7 +56,7 @@ def test_free_laws_are_those_that_the_diagnosis_fits():
     groups = {each.group for each in (*drill, *rig.outside()) if not each.known_as}
     kinds = {each.name for each in KINDS}
     of_body = {"friction", "unstated damping", "tone"}
-    assert groups | kinds | of_body | {HARDENING, SATURATING, *RESPONSES} == set(FREE_LAWS)
+    assert groups | kinds | of_body | {HARDENING, SATURATING, SOFT_LAYER, *RESPONSES} == set(FREE_LAWS)
 
 
 def effect(name: str, *laws: str) -> Effect:

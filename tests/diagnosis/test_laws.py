@@ -5,7 +5,17 @@ import pytest
 
 from drillenv.diagnosis.constants import NAMES, constants
 from drillenv.diagnosis.drill_rig import DRILL
-from drillenv.diagnosis.laws import Curve, axes_of, families, moved_to, on_axes, wider
+from drillenv.diagnosis.laws import (
+    CURVED,
+    SOFT_LAYER,
+    Curve,
+    axes_of,
+    families,
+    kind_of_contact,
+    moved_to,
+    on_axes,
+    wider,
+)
 from drillenv.diagnosis.selection import most_likely_prior
 from drillenv.diagnosis.tables import GRID, MARGIN, interpolate
 from drillenv.diagnosis.terms import ModelStructure
@@ -100,3 +110,25 @@ def test_a_waveform_of_the_lowest_resolution_holds_crossover_distortion():
     basis = curve("waveform").basis.T
     left = lost - basis @ np.linalg.lstsq(basis, lost)[0]
     assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(lost**2))
+
+
+SOFTEST = 0.02
+FORCE = np.linspace(0.0, 1.0, GRID)
+"""Of the rock, over the largest."""
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "kind"),
+    [
+        (np.where(FORCE < 0.1, 0.2, 1.0), SOFT_LAYER),  # two lines
+        (np.minimum(0.2 + 4.0 * np.sqrt(FORCE), 1.0), SOFT_LAYER),  # a parabola, then straight
+        (1.0 - 0.9 * np.exp(-FORCE / 0.05), SOFT_LAYER),
+        (1.2 * (1.0 - 0.9 * np.exp(-FORCE / 0.05)), SOFT_LAYER),  # the stated stiffness is a fifth off
+        (np.where(FORCE < 0.4, 1.0, 1.5), CURVED),  # stiffer than the rock is stated to be, beyond a depth
+        (1.3 * np.maximum(FORCE, SOFTEST) ** (1.0 / 3.0), CURVED),  # a power of the depth of 3/2
+        (0.9 * np.maximum(FORCE, SOFTEST) ** (-0.25), CURVED),  # of 4/5
+        (np.linspace(1.2, 0.8, GRID), CURVED),
+    ],
+)
+def test_a_soft_layer_ends_in_the_stiffness_of_the_rock(stiffness, kind):
+    assert kind_of_contact(np.log(stiffness)) == kind

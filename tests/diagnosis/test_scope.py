@@ -1,6 +1,7 @@
 """Searches that are restricted or interrupted say so, and claim nothing of what they did not look for."""
 
 import json
+from typing import cast
 
 import jsonschema
 import numpy as np
@@ -12,7 +13,7 @@ from drillenv.diagnosis import verdict
 from drillenv.diagnosis.drill_identification import mechanisms_of
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
-from drillenv.diagnosis.progress import EXTENDING, FITTING, SEARCHING, Progress
+from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, Known, OutOfTime, Progress
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
 from drillenv.diagnosis.sensing import ACCELEROMETER, sensor_families
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -66,7 +67,7 @@ def test_what_is_said_of_a_restricted_search():
 
 def test_stages_say_how_long_they_may_take():
     now, said = iter([0.0, 10.0]), []
-    progress = Progress(said.append, lambda: next(now))
+    progress = Progress(said.append, clock=lambda: next(now))
     progress.stage(FITTING)
     progress.stage(SEARCHING)
     progress.stage(EXTENDING)
@@ -89,6 +90,30 @@ def test_nothing_else_is_looked_for(schema):
     jsonschema.validate(report.record, schema)
 
 
+def test_a_search_ends_in_time_once_something_is_known():
+    said, now = [], [0.0]
+    progress = Progress(said.append, 5.0, processor=lambda: now[0])
+    progress.stage(FITTING)
+    now[0] = 6.0
+    progress.say("nothing is known yet")
+    progress.known = cast("Known", object())
+    with pytest.raises(OutOfTime):
+        progress.say("a step further")
+    progress.stage(PROVING)
+    progress.say("what was found is held against recordings held out")
+    assert len(said) == 5
+
+
+@pytest.mark.slow
+def test_what_was_found_in_time_is_reported(tmp_path, capsys, schema):
+    assert cli.main(["diagnose", EXAMPLE, "--within", "0", "--out", str(tmp_path)]) == 0
+    assert "the report is unfinished" in capsys.readouterr().err
+    record = json.loads((tmp_path / "report.json").read_text())
+    jsonschema.validate(record, schema)
+    assert record["unfinished"] == "looking for what is missing"
+    assert record["verdict"] == "unexplained"
+
+
 @pytest.mark.slow
 def test_an_interruption_keeps_what_is_known(tmp_path, capsys, monkeypatch, schema):
     def interrupted(*_):
@@ -99,7 +124,7 @@ def test_an_interruption_keeps_what_is_known(tmp_path, capsys, monkeypatch, sche
     printed = capsys.readouterr()
     lines = printed.err.splitlines()
     assert [each[:7] for each in lines[:-1]] == ["stage 1", "stage 2", "stage 3", "stage 5"]
-    assert lines[-1] == "drillenv: interrupted while fitting whole recordings: the report is unfinished"
+    assert lines[-1] == "drillenv: ended while fitting whole recordings: the report is unfinished"
     record = json.loads((tmp_path / "report.json").read_text())
     jsonschema.validate(record, schema)
     assert record["unfinished"] == "fitting whole recordings"

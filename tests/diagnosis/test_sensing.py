@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter, lfilter_zi
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from drillenv.diagnosis.sensing import ACCELEROMETER, OVERDAMPED, Sensor, response, sensor_families, textbook_sensors
 from drillenv.diagnosis.terms import OperatingPoint
@@ -353,3 +353,23 @@ def test_parameters_are_those_of_the_library():
     assert {each.group for each in sensor_families(NAMES, RATE, True)} == {
         ACCELEROMETER, "lag", "load cell", "offset", "hum", "high-pass", "crosstalk",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("corner", [5000.0, 7000.0, 9000.0])
+def test_a_load_cell_that_rings_is_explained(corner):
+    """A mass of 0.1 kg on a cell whose resonance has a damping ratio of 0.05."""
+    change, rate = [], 16 * RATE
+    turn = 2.0 * math.pi * corner
+    given = ([turn**2], [1.0, 0.1 * turn, turn**2])
+    over, under, _ = cont2discrete(given, 1.0 / rate, method="bilinear")
+    for true in dense(RATE, 16):
+        carried = true.force + 0.1 * true.acceleration
+        settled = lfilter_zi(over[0], under) * carried[0]
+        both = np.zeros((2, carried[::16].size))
+        both[0] = (lfilter(over[0], under, carried, zi=settled)[0] - true.force)[::16]
+        change.append(both)
+    rigid, ringing = (explained(families()[name], change) for name in ("load cell", RINGING))
+    assert 1.0 - ringing < 0.4 * (1.0 - rigid), (ringing, rigid)
+
+
+RINGING = "load cell with a response of its own"

@@ -36,6 +36,7 @@ EFFECT = Effect(
     regimes=IN_CONTACT,
     energy="none",
     laws={"loading": Shape(_loading_shape), "unloading": Shape(_unloading_shape, "loading depth")},
+    free_laws=("soft layer",),
     forms=(
         Form(
             "exponential",
