@@ -78,6 +78,8 @@ IMPROBABLE = 5.0
 """Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
 BENT = 50.0
 """N, standard deviation of the force of bristles where a recording begins: friction that a lab would not miss."""
+SETTLED = 2.0
+"""N, standard deviation of the air's force where a recording begins: about what it swings by in a period."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
 WORSE, CORRECTIONS = 10.0, 6
@@ -384,7 +386,8 @@ class ShootingProblem:
         with np.errstate(over="ignore", invalid="ignore"):
             full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
             defects = (self.defects(raw, own, model) ** 2).sum(axis=1)
-            total = 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2)
+            unsettled = float(self.settling(own) @ own) ** 2
+            total = 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2 + unsettled)
         if not math.isfinite(total):
             return math.inf, np.full(self.windows, math.inf)
         by_window = np.add.reduceat(full, self.data.starts[:-1].astype(int))
@@ -402,6 +405,20 @@ class ShootingProblem:
         precision[behind : behind + 2] = 1.0
         precision[behind + 2 :] = self.line_precision
         return off, precision
+
+    def settling(self, own: Floats) -> Floats:
+        """(own,) by which the air's force at the first window stands out of what is expected, over :data:`SETTLED`.
+
+        The air had settled: in a rig that had been running its force begins as it is on the average, and at rest there
+        is none. Else air of no stiffness would stand for anything that fades away.
+        """
+        row, kept = np.zeros(own.size), self.state_count(own)
+        if kept == OWN:
+            air = row[: self.windows * kept].reshape(self.windows, kept)[:, Q]
+            air[0] = 1.0
+            if not self.data.fresh:
+                air -= 1.0 / self.windows
+        return row * STATE_WIDTHS[Q] / SETTLED
 
     def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step; where it makes the recording worse, after steps of their own.
@@ -576,15 +593,17 @@ class ShootingProblem:
         hessian[:m, m:] += own_wide[:, :count]
         hessian[m:, :m] += own_wide[:, :count].T
         hessian[m:, m:] += products[:count, :count]
-        hessian += np.diag(precision)
+        settling = self.settling(own)
+        unsettled = float(settling @ own)
+        hessian += np.diag(precision) + np.outer(settling, settling)
         scale = np.append(np.diag(own_own), np.diag(products)[:count]) + precision
         cross = e_own.T @ e_shared
         cross[:m] += own_wide[:, count:-1]
         cross[m:] += products[:count, count:-1]
         by_own = e_own.T @ g - np.append(own_wide[:, -1], products[:count, -1])
-        by_own += precision * off
+        by_own += precision * off + settling * unsettled
         return Quadratic(
-            0.5 * float(products[-1, -1] + g @ g + precision @ off**2),
+            0.5 * float(products[-1, -1] + g @ g + precision @ off**2 + unsettled**2),
             by_own,
             e_shared.T @ g - products[count:-1, -1],
             hessian,

@@ -79,7 +79,7 @@ HARDENING, SATURATING = "hardening spring", "saturating spring"
 CURVED, SOFT_LAYER = "contact law", "soft layer"
 """What a contact's law may be."""
 STRAIGHT_END = 0.05
-"""Change of a contact's stiffness over the last third of its force, within which its law ends straight."""
+"""Change of a contact's stiffness from the last sixth but one of its force to the last, up to which it is straight."""
 
 
 @dataclass(frozen=True)
@@ -578,9 +578,9 @@ def kind_of_contact(stiffness: Floats) -> str:
 
     A soft layer is softer at first, and ends in the rock's own stiffness.
     """
-    end = len(stiffness) // 3
-    straight = abs(float(np.ptp(stiffness[-end:]))) < STRAIGHT_END
-    first, last = float(stiffness[0]), float(stiffness[-1])
+    *_, before, end = np.array_split(stiffness, 6)
+    straight = abs(float(end.mean() - before.mean())) < STRAIGHT_END
+    first, last = float(stiffness[0]), float(end.mean())
     return SOFT_LAYER if straight and first < last and abs(last) < abs(first) else CURVED
 
 

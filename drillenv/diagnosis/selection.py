@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -488,10 +488,13 @@ def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: 
             other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, LONG, fitted.noise)
             finer = refined(data, other, family, pool)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
-            if criterion(finer, fitted) < criterion(fitted, fitted):
-                fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
-                base = replace(fitted, structure=rest, fit=fit)
-                found = accept(data, base, family, other, family.size, pool, say, False)
+            if finer.cost > fitted.cost and criterion(finer, fitted) > criterion(fitted, fitted):
+                continue
+            fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
+            base = replace(fitted, structure=rest, fit=fit)
+            found = accept(data, base, family, other, family.size, pool, say, False)
+            # an equation that it follows has fewer parameters than its free law
+            if criterion(found.after, fitted) < criterion(fitted, fitted):
                 step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
                 step.pending = found.pending
                 return found.after
@@ -587,41 +590,12 @@ def best_step(
     if resonant and not (fits and explains_all(fits[0][1], fitted)):
         fits += refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
-    gains: dict[str, float] = {}
-    while fits[0][0].family.has_states and fits[0][0].family.name not in gains:
-        best, found = fits[0]
-        gains[best.family.name] = without_strength(data, found, best.family.terms, pool).cost - found.cost
-        say(f"  {best.family.name}: gain {gains[best.family.name]:.1f} by its strength")
-        fits.sort(key=lambda pair: penalty(pair[0].freedom, fitted) - gained(*pair, fitted, gains))
     best, found = fits[0]
-    least = max(0.5 * chi2.isf(level, best.freedom), resolved_gain(best.family, fitted))
-    if gained(best, found, fitted, gains) < least:
+    if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.freedom), resolved_gain(best.family, fitted)):
         return None
     step = accept(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
-
-
-def gained(score: Score, other: Fitted, fitted: Fitted, by_strength: Mapping[str, float]) -> float:
-    """Log-likelihood that a family's fit gains; by its strength alone, where that is known."""
-    return by_strength.get(score.family.name, fitted.cost - other.cost)
-
-
-def without_strength(data: Sequence[Any], fitted: Fitted, terms: Sequence[Term], pool: Executor) -> Fitted:
-    """The fit with the states of some of its terms, whose first parameters, their strengths, are 0.
-
-    States begin anywhere: what they gain by that alone speaks for no law.
-    """
-    names = {each.name for each in terms}
-    pinned, start = [], []
-    for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.fit.shared), strict=True):
-        if term.name in names:
-            none = term.unknowns[0]._replace(value=0.0, low=0.0, high=0.0)
-            term, own = replace(term, unknowns=(none, *term.unknowns[1:])), np.append(0.0, own[1:])
-        pinned.append(term)
-        start.append(own)
-    structure, own = replace(fitted.structure, terms=tuple(pinned)), fitted.fit.own
-    return fit_to(data, structure, np.concatenate(start), own, pool, fitted.weight, LONG, fitted.noise, True)
 
 
 def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
@@ -762,13 +736,10 @@ def backward(
             break
         rest, begun = without(fitted, step.terms, step.family.constant)
         other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
-        lost = other.cost - fitted.cost
-        if any(each.has_states for each in step.terms):
-            lost = min(lost, without_strength(data, fitted, step.terms, pool).cost - fitted.cost)
         by_chance = 0.5 * chi2.isf(level, step.freedom)
         needed = max(by_chance, least, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
-        if lost < needed:
-            say(f"  without {step.named.mechanism}: log-likelihood lower by {lost:.1f}")
+        if other.cost - fitted.cost < needed:
+            say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)
             fitted = other
     return fitted, kept
