@@ -107,10 +107,8 @@ def shortening(coordinate: Floats, model: Model, axes: Axes) -> Floats:
     if not (model.bends(SPRING) or model.bends(SPRING_FROM_REST)):
         return y
     k, rest = float(model.s[K]), float(model.s[F_B] / model.s[K])
-    over, over_rest = (
-        (model.curve(SPRING), _axis(axes, SPRING)),
-        (model.curve(SPRING_FROM_REST), _axis(axes, SPRING_FROM_REST)),
-    )
+    over = model.curve(SPRING), _axis(axes, SPRING)
+    over_rest = model.curve(SPRING_FROM_REST), _axis(axes, SPRING_FROM_REST)
     _inverted(np.ascontiguousarray(coordinate), k, ADDED, rest, *over, *over_rest, LEAST_SLOPE * ADDED, y)
     return y
 
