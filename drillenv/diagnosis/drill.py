@@ -88,7 +88,7 @@ DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
 PATH_STEP = 84e-6
 """s from one state of a path to the next at most."""
-TOLERANCE = 1e-6
+TOLERANCE = 1e-7
 """Relative error of a step of the integrator."""
 GRAZING = 2e-3
 """m/s of a contact's speed below which the jump of the derivatives is held back."""
