@@ -78,8 +78,8 @@ IMPROBABLE = 5.0
 """Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
 BENT = 50.0
 """N, standard deviation of the force of bristles where a recording begins: friction that a lab would not miss."""
-SETTLED = 2.0
-"""N, standard deviation of the air's force where a recording begins: about what it swings by in a period."""
+AIR_AT_START = 2.0
+"""N, prior standard deviation of the air's force where a recording begins: about its ripple in a period."""
 COUNT_LABEL = 0.4
 """Standard deviation of the impacts before a running recording, as a share."""
 WORSE, CORRECTIONS = 10.0, 6
@@ -386,7 +386,7 @@ class ShootingProblem:
         with np.errstate(over="ignore", invalid="ignore"):
             full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
             defects = (self.defects(raw, own, model) ** 2).sum(axis=1)
-            unsettled = float(self.settling(own) @ own) ** 2
+            unsettled = float(self.air_prior(own) @ own) ** 2
             total = 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2 + unsettled)
         if not math.isfinite(total):
             return math.inf, np.full(self.windows, math.inf)
@@ -406,8 +406,8 @@ class ShootingProblem:
         precision[behind + 2 :] = self.line_precision
         return off, precision
 
-    def settling(self, own: Floats) -> Floats:
-        """(own,) by which the air's force at the first window stands out of what is expected, over :data:`SETTLED`.
+    def air_prior(self, own: Floats) -> Floats:
+        """(own,) row whose product with the own unknowns is the residual of a prior on the air's force at the start.
 
         The air had settled: in a rig that had been running its force begins as it is on the average, and at rest there
         is none. Else air of no stiffness would stand for anything that fades away.
@@ -418,17 +418,17 @@ class ShootingProblem:
             air[0] = 1.0
             if not self.data.fresh:
                 air -= 1.0 / self.windows
-        return row * STATE_WIDTHS[Q] / SETTLED
+        return row * STATE_WIDTHS[Q] / AIR_AT_START
 
     def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step; where it makes the recording worse, after steps of their own.
 
         Where windows are joined, their states follow the shared parameters along a curve.
         """
-        cost, at = self.moved(shared, own, move, before)
-        return self.settled(shared, at, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, at)
+        cost, at = self.line_search(shared, own, move, before)
+        return self.fit_states(shared, at, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, at)
 
-    def moved(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+    def line_search(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after a step of theirs, or what of it costs least."""
         at = own + move
         best, costs = self.costs(shared, at)
@@ -518,9 +518,9 @@ class ShootingProblem:
     def estimate_states(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after Levenberg-Marquardt steps of their own."""
         cost = self.cost(shared, own)
-        return self.settled(shared, own, cost, steps)[1] if math.isfinite(cost) else own
+        return self.fit_states(shared, own, cost, steps)[1] if math.isfinite(cost) else own
 
-    def settled(self, shared: Floats, own: Floats, cost: float, steps: int) -> tuple[float, Floats]:
+    def fit_states(self, shared: Floats, own: Floats, cost: float, steps: int) -> tuple[float, Floats]:
         """The same from a known cost, with the cost after them."""
         damping, part = 1e-3, None
         samples = self.samples
@@ -530,7 +530,7 @@ class ShootingProblem:
             little = max(0.5, 1e-3 * (cost - 0.5 * samples))
             if -0.5 * float(part.by_own @ move) < little:
                 break
-            after, at = self.moved(shared, own, move, cost)
+            after, at = self.line_search(shared, own, move, cost)
             if after < cost:
                 cost, own, damping, part = after, at, 0.1 * damping, None
             else:
@@ -593,15 +593,15 @@ class ShootingProblem:
         hessian[:m, m:] += own_wide[:, :count]
         hessian[m:, :m] += own_wide[:, :count].T
         hessian[m:, m:] += products[:count, :count]
-        settling = self.settling(own)
-        unsettled = float(settling @ own)
-        hessian += np.diag(precision) + np.outer(settling, settling)
+        air = self.air_prior(own)
+        unsettled = float(air @ own)
+        hessian += np.diag(precision) + np.outer(air, air)
         scale = np.append(np.diag(own_own), np.diag(products)[:count]) + precision
         cross = e_own.T @ e_shared
         cross[:m] += own_wide[:, count:-1]
         cross[m:] += products[:count, count:-1]
         by_own = e_own.T @ g - np.append(own_wide[:, -1], products[:count, -1])
-        by_own += precision * off + settling * unsettled
+        by_own += precision * off + air * unsettled
         return Quadratic(
             0.5 * float(products[-1, -1] + g @ g + precision @ off**2 + unsettled**2),
             by_own,
@@ -741,10 +741,8 @@ class ShootingProblem:
             if isinstance(term, Curve):
                 for j, change in enumerate(term.basis):
                     laws.append(Entry(Column(int(LAW), place=term.place, change=change), {first + j: 1.0}))
-            for j in range(own.size if term.moves and not isinstance(term, Curve) else 0):
-                step = 1e-4 * unknowns[first + j].width
-                ahead = own.copy()
-                ahead[j] += step
+            for j, ahead in enumerate(steps_ahead(term, own) if term.moves and not isinstance(term, Curve) else ()):
+                step = step_of(term, j)
                 others = [ahead if each is own else each for each in split]
                 other = self.structure.model(np.concatenate(others), self.point)
                 by_scalar[:, first + j] = (other.s - model.s) / step
@@ -762,12 +760,12 @@ class ShootingProblem:
         moved = np.zeros((mixing.shape[1], *seen.shape[1:]))
         by_motion = mixing.any(axis=0)
         moved[by_motion] = np.tensordot(mixing.T[by_motion], seen, 1)
-        at, rows = self.changes_of_reading(values, raw.said)
+        at, rows = self.reading_jacobian(values, raw.said)
         if rows:
             np.add.at(moved, at, self.mask_and_whiten(np.array(rows)[:, :, self.judged]))
         return moved * self.widths[:, None, None]
 
-    def changes_of_reading(self, values: Floats, said: Floats) -> tuple[list[int], list[Floats]]:
+    def reading_jacobian(self, values: Floats, said: Floats) -> tuple[list[int], list[Floats]]:
         """Parameters of sensors and logger, and by what (2, n) the reading changes with each."""
         terms, split = self.structure.terms, self.structure.split(values)
         firsts = np.cumsum([0, *(own.size for own in split)])
@@ -780,12 +778,12 @@ class ShootingProblem:
                 at.append(int(firsts[i]) + j)
                 rows.append(change / step_of(terms[i], j))
 
-        line, signals = self.structure.in_line, said
-        for place, i in enumerate(line):
+        chain, signals = self.structure.signal_chain, said
+        for place, i in enumerate(chain):
             passed = terms[i].observe(split[i], signals, self.point)
             for j, ahead in enumerate(steps_ahead(terms[i], split[i])):
                 more = terms[i].observe(ahead, signals, self.point) - passed
-                for k in line[place + 1 :]:
+                for k in chain[place + 1 :]:
                     more = terms[k].observe(split[k], more, self.point)
                 note(i, j, self.sampled(values, more))
             signals = passed
@@ -804,7 +802,7 @@ class ShootingProblem:
 
 
 def step_of(term: Term, parameter: int) -> float:
-    """By which a sensor's parameter is moved to differentiate what is read."""
+    """By which a parameter is moved for a difference."""
     return 1e-4 * term.unknowns[parameter].width
 
 

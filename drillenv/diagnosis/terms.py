@@ -249,12 +249,12 @@ class ModelStructure:
     def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """What is read of signals (..., 2, n)."""
         split = self.split(values)
-        for i in self.in_line:
+        for i in self.signal_chain:
             signals = self.terms[i].observe(split[i], signals, point)
         return signals
 
     @property
-    def in_line(self) -> list[int]:
-        """Terms that signals pass, in their order."""
+    def signal_chain(self) -> list[int]:
+        """Indices of the terms that signals pass through, in their order."""
         passed = [i for i, term in enumerate(self.terms) if type(term).observe is not Term.observe]
         return sorted(passed, key=lambda i: self.terms[i].stage)

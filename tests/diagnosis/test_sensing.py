@@ -19,6 +19,7 @@ from drillenv.rocks import ROCKS
 SETTINGS = (Setting(90.0, 0.45, 1.0), Setting(60.0, 0.5, 0.8))
 NAMES = ("r01", "r02")
 NOISE = np.array([5.0, 2.0])
+RINGING = "load cell with a response of its own"
 RATE = 25600.0
 
 
@@ -370,6 +371,3 @@ def test_a_load_cell_that_rings_is_explained(corner):
         change.append(both)
     rigid, ringing = (explained(families()[name], change) for name in ("load cell", RINGING))
     assert 1.0 - ringing < 0.4 * (1.0 - rigid), (ringing, rigid)
-
-
-RINGING = "load cell with a response of its own"
