@@ -587,7 +587,10 @@ def best_step(
     """
     resonant = [each for each in chosen if each.family.has_states]
     fits = refine_candidates(data, fitted, [each for each in chosen if not each.family.has_states], pool, say)
-    if resonant and not (fits and explains_all(fits[0][1], fitted)):
+    if fits and explains_all(fits[0][1], fitted):
+        # in a model that is nearly right, one that promises as much is its equal
+        resonant = [each for each in resonant if each.gain >= NEAR * chosen[0].gain]
+    if resonant:
         fits += refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]

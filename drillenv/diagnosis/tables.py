@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from drillenv.diagnosis.solver import Floats
 from drillenv.dynamics.constitutive.places import PLACES as ALL_PLACES
 from drillenv.dynamics.constitutive.places import UNLOADING
-from drillenv.dynamics.constitutive.tables import DEGREE, Table
+from drillenv.dynamics.constitutive.tables import DEGREE, NotSmoothError, Table
 
 PLACES = len(ALL_PLACES)
 GRID = 641
@@ -123,8 +123,16 @@ class Contact(NamedTuple):
 
 
 def _contact(values: Floats, axes: Axes, place: int) -> Contact:
+    """Of a law (GRID,).
+
+    Raises:
+        NotSmoothError: its factor changes so fast that from one point to the next depths do not rise.
+    """
     factor, stretch = np.exp(np.clip(values, -LARGEST_LOG, LARGEST_LOG)), axes.stretch(place)
-    return Contact(_integral(stretch / factor), factor, stretch)
+    depth = _integral(stretch / factor)
+    if not np.all(np.diff(depth) > 0.0):
+        raise NotSmoothError("a law of the contact changes too fast for depths to rise with the force")
+    return Contact(depth, factor, stretch)
 
 
 def _integral(rate: Floats) -> Floats:
@@ -135,7 +143,11 @@ def _integral(rate: Floats) -> Floats:
 
 
 def table_of(values: Floats, axes: Axes, place: int) -> Table:
-    """A law (GRID,) as pieces; of the contact as a shape over the depth (over k_u / k_l times it on the way out)."""
+    """A law (GRID,) as pieces; of the contact as a shape over the depth (over k_u / k_l times it on the way out).
+
+    Raises:
+        NotSmoothError: it is no law of a contact: see :func:`_contact`.
+    """
     knots = axes.points(place)
     if place <= UNLOADING:
         w, knots = knots, _contact(values, axes, place).depth

@@ -239,7 +239,7 @@ def proved(
         after = [
             each
             for i in range(len(data))
-            for each in estimate_recordings([data[i]], fitted_without(data, final, i, pool), pool)
+            for each in estimate_recordings([data[i]], fitted_without(final, i, pool), pool)
         ]
     else:
         return Proof([], [], "the one recording that was fitted, since no other says whether it holds")
@@ -250,12 +250,12 @@ def proved(
     return Proof(estimate_recordings(data, plain, pool, noise), after, of)
 
 
-def fitted_without(data: Sequence[Conditioned], fitted: Fitted, i: int, pool: Executor) -> Fitted:
-    """The model fitted to all recordings but one."""
-    others = [j for j in range(len(data)) if j != i]
+def fitted_without(fitted: Fitted, i: int, pool: Executor) -> Fitted:
+    """The model fitted to all recordings of a fit but one, or to as much of them as that has."""
+    others = [j for j in range(len(fitted.blocks)) if j != i]
     own = [fitted.fit.own[j] for j in others]
     noise = [fitted.noise[j] for j in others]
-    rest = [data[j] for j in others]
+    rest = [fitted.blocks[j].data for j in others]
     limits = Limits(10, 0.5, 0.003)
     return fit_to(rest, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
 

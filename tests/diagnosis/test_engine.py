@@ -29,6 +29,7 @@ from drillenv.dynamics.constitutive.places import (
     UNLOADING,
     WAVEFORM,
 )
+from drillenv.dynamics.constitutive.tables import NotSmoothError
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.model import fresh_motion
@@ -168,6 +169,14 @@ def test_a_factor_over_w_is_a_shape_over_the_depth(bench, place):
     table = table_of(values, bench.axes, place)
     x = np.linspace(0.0, 0.9 * table.knots[-1], 300)
     np.testing.assert_allclose(table(x), d / a * np.expm1(a * x / d), rtol=1e-6, atol=1e-16)
+
+
+@pytest.mark.parametrize("place", [LOADING, UNLOADING])
+def test_a_law_of_the_contact_that_changes_too_fast_is_refused(bench, place):
+    """A search may come to one; its integral in between points is not the law's, and may fall."""
+    values = np.where(np.arange(GRID) // 2 % 2 == 0, 5.0, -5.0)
+    with pytest.raises(NotSmoothError, match="too fast"):
+        table_of(values, bench.axes, place)
 
 
 @pytest.mark.parametrize(

@@ -118,6 +118,14 @@ def test_few_recordings_say_what_they_cannot_prove(campaign, count):
 
 
 @pytest.mark.slow
+def test_few_recordings_are_reported_where_time_is_up(campaign):
+    """Each is held against a fit to as much of the others as the search has come to."""
+    report = diagnose(running(campaign, 3), within=0.0)
+    assert report.record["unfinished"] == "looking for what is missing"
+    assert len(report.record["fit"]["held_out"]["recordings"]) == 3
+
+
+@pytest.mark.slow
 def test_long_recordings_are_shortened(tmp_path):
     """Of 6 s each, the stretches that vary most, by what the folder holds."""
     folder = make_campaign(
