@@ -54,8 +54,8 @@ class RecordingProblem(Block, Protocol):
         """Own unknowns after steps of their own."""
         ...
 
-    def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
-        """Own unknowns, those that stand out begun anew."""
+    def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
+        """Own unknowns, those that stand out begun anew; ``usual`` is the median cost a sample over recordings."""
         ...
 
     def rollout(self, shared: Floats, own: Floats) -> Floats:
@@ -106,7 +106,7 @@ class Regression:
         """There is nothing to settle."""
         return own
 
-    def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
         """There is nothing to begin anew."""
         return own
 

@@ -76,6 +76,8 @@ FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
 for the samples say little of them where sensors remember the time before."""
 IMPROBABLE = 5.0
 """Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
+OUTLYING = 4.0
+"""Of the other recordings' cost a sample, that of one whose states are suspect."""
 BENT = 50.0
 """N, standard deviation of the force of bristles where a recording begins: friction that a lab would not miss."""
 AIR_AT_START = 2.0
@@ -453,22 +455,24 @@ class ShootingProblem:
                 best, at, costs = cost, part, other
         return best, at
 
-    def reinitialise_outliers(self, shared: Floats, own: Floats) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
         """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin.
 
-        A recording whose pressure is not to be believed is begun anew as a whole, once its model is close: where
-        friction holds a mass the one way, or the other, its force and the pressure's can stand for each other. In a
-        model that is far off pressures stand for all that it lacks.
+        A recording is begun anew as a whole where the model follows the others by far more closely, and where in a
+        close model its pressure is not to be believed: where friction holds a mass the one way, or the other, its force
+        and the pressure's can stand for each other. In a model that is far off pressures stand for all that it lacks.
         """
         cost, costs = self.costs(shared, own)
         close = self.weight <= JOINED and 2.0 * cost < CLOSE * self.samples
-        if close and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE:
+        mistaken = close and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
+        outlying = cost > OUTLYING * usual * self.samples
+        if mistaken or outlying:
             own = self.begun_anew(shared, own)
             cost, costs = self.costs(shared, own)
         length = np.diff(self.data.starts)
         typical = float(np.median(costs / length))
         stray = costs / length > max(2.0 * typical, 1.5)
-        if not stray.any() or stray.mean() > 0.25 or typical > 1.5:
+        if not stray.any() or stray.mean() > 0.25 or (typical > 1.5 and not outlying):
             return own
         kept = self.state_count(own)
         model = self.structure.model(shared * self.widths, self.point)

@@ -175,6 +175,8 @@ def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, n
 
 
 def reinitialise_outliers(blocks: Sequence[Any], fit: Fit, pool: Executor | None) -> list[Floats]:
-    """Own unknowns of each block, windows that stand out begun anew."""
+    """Own unknowns of each block, windows and recordings that stand out begun anew."""
     each: Callable = map if pool is None else pool.map
-    return list(each(lambda block, own: block.reinitialise_outliers(fit.shared, own), blocks, fit.own))
+    costs = each(lambda block, own: block.cost(fit.shared, own) / block.samples, blocks, fit.own)
+    usual = float(np.median(list(costs)))
+    return list(each(lambda block, own: block.reinitialise_outliers(fit.shared, own, usual), blocks, fit.own))

@@ -466,7 +466,7 @@ def estimate_states_of(
         if own.size != windows * size + block.locals:
             own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
         own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
-        again = block.reinitialise_outliers(shared, own)
+        again = block.reinitialise_outliers(shared, own, fitted.fit.cost / fitted.samples)
         return block, own if again is own else block.estimate_states(shared, again)
 
     block, own = settle(FREE, own)

@@ -97,7 +97,7 @@ def test_a_window_that_begins_elsewhere_finds_back():
         elsewhere = best.copy()
         # so far off the rock that it comes down after the blow
         elsewhere[4 * window + 3] = -5e-4 / STATE_WIDTHS[3]
-        found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere))
+        found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, 0.5))
         assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
 
 
