@@ -196,9 +196,8 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
             for each, begun in starts
         ]
     found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
-    # of a law without curves nothing says which is nearest but that it has states: once one does as well, the others
-    # are tried from one start only
-    return sorted(found, key=lambda each: (each.worse, each.equation.has_states != family.has_states))
+    # first those of the law's own kind, with states or without: of a law without curves nothing else says which is nearest
+    return sorted(found, key=lambda each: (each.equation.has_states != family.has_states, each.worse))
 
 
 def mechanisms_of(family: Family) -> set[str]:

@@ -567,10 +567,13 @@ def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0
 
 
 def kind_of_spring(x: Floats, law: Floats) -> str:
-    """What a spring's law (n,) is: saturating where it is softer at its ends than in its middle, else hardening."""
-    thirds = zip(np.array_split(x, 3), np.array_split(law, 3), strict=True)
-    low, middle, high = (np.polyfit(at, y, 1)[0] for at, y in thirds)
-    return SATURATING if 0.5 * (low + high) < middle else HARDENING
+    """What a spring's law (n,) is: saturating where it gets softer the more it is deflected, else hardening.
+
+    By the x |x| that fits it best beside a straight line: a loaded spring is deflected one way only.
+    """
+    share = x / np.abs(x).max()
+    columns = np.column_stack([np.ones_like(x), share, share * np.abs(share)])
+    return SATURATING if np.linalg.lstsq(columns, law, rcond=None)[0][2] < 0.0 else HARDENING
 
 
 def kind_of_contact(stiffness: Floats) -> str:

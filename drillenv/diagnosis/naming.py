@@ -102,8 +102,9 @@ def name_law(
     rest = on_axes(rest, wider(rest.axes))
     done = False
     for equation, starts, worse in fitted.structure.rig.rivals(fitted, family):
-        # once one does as well, others are tried that may do better
-        if tried and worse > (MOST * gain if done else gain):
+        # once one does as well, others are tried that may do better, but none with states of its own: those are a
+        # family too, which has been tried where it promised as much
+        if tried and worse > (MOST * gain if done else gain) or done and equation.has_states > family.has_states:
             continue
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))

@@ -558,6 +558,14 @@ def test_the_kind_of_a_spring_is_how_it_bends(law, kind):
     assert kind_of_spring(x, law(2.0 * x) + 0.7 * x) == kind
 
 
+@pytest.mark.parametrize(("law", "kind"), [(np.minimum, SATURATING), (np.maximum, HARDENING)])
+def test_a_spring_that_is_deflected_one_way_bends_by_its_load(law, kind):
+    """Of which the softer or the stiffer half may end in the middle."""
+    x = np.linspace(0.8, 2.0, 200)
+    for knee in (1.1, 1.4, 1.8):
+        assert kind_of_spring(x, law(x, knee) - 0.4 * x) == kind
+
+
 def test_the_same_campaign_gets_the_same_answer_in_the_report_format():
     campaign = campaign_of(body_of(np.random.default_rng(5), "axis"), estimated=True)
     first, second = diagnose_body(campaign), diagnose_body(campaign)

@@ -12,7 +12,7 @@ from drillenv.checks import InputError
 from drillenv.corrected import read_model
 from drillenv.diagnosis.condition import condition, white_noise
 from drillenv.diagnosis.constants import constants
-from drillenv.diagnosis.drill import STATE_WIDTHS, ShootingProblem, first_states
+from drillenv.diagnosis.drill import PRESSURE_LABEL, STATE_WIDTHS, ShootingProblem, first_states
 from drillenv.diagnosis.drill_noise import noise_of
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import FREE
@@ -99,6 +99,22 @@ def test_a_window_that_begins_elsewhere_finds_back():
         elsewhere[4 * window + 3] = -5e-4 / STATE_WIDTHS[3]
         found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, 0.5))
         assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
+
+
+def test_a_recording_is_begun_anew_where_others_are_followed_by_far_more_closely():
+    campaign = campaign_with()
+    data = condition(campaign.recordings[0], Rig())
+    block = nominal_block(campaign, data)
+    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    best = block.estimate_states(shared, first_states(data))
+    # every window off the rock as it begins, and half as much pressure again
+    elsewhere = best.copy()
+    elsewhere[: 4 * block.windows].reshape(-1, 4)[:, 3] = -5e-4 / STATE_WIDTHS[3]
+    elsewhere[4 * block.windows] = 0.5 / PRESSURE_LABEL
+    found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, 0.5))
+    assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
+    as_far = block.cost(shared, elsewhere) / block.samples
+    assert block.reinitialise_outliers(shared, elsewhere, as_far) is elsewhere
 
 
 def test_a_recording_without_contact_is_refused():
