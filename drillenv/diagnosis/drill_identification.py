@@ -196,7 +196,7 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
             for each, begun in starts
         ]
     found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
-    # first those of the law's own kind, with states or without: of a law without curves nothing else says which is nearest
+    # those of its own kind first, with states or without: of a law without curves nothing else says which is nearest
     return sorted(found, key=lambda each: (each.equation.has_states != family.has_states, each.worse))
 
 

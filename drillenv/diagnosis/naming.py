@@ -104,7 +104,8 @@ def name_law(
     for equation, starts, worse in fitted.structure.rig.rivals(fitted, family):
         # once one does as well, others are tried that may do better, but none with states of its own: those are a
         # family too, which has been tried where it promised as much
-        if tried and worse > (MOST * gain if done else gain) or done and equation.has_states > family.has_states:
+        least, stateful = MOST * gain if done else gain, equation.has_states and not family.has_states
+        if (tried and worse > least) or (done and stateful):
             continue
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
