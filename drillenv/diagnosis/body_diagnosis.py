@@ -17,9 +17,9 @@ from drillenv.diagnosis.body_channels import Body, prepare
 from drillenv.diagnosis.body_noise import noise_of_richest
 from drillenv.diagnosis.body_report import BodyOutcome, BodyReport, is_of_speed
 from drillenv.diagnosis.body_rig import BodyRig, Scale, axes_of_bodies, gain_of_law, law_of_body, sampling
-from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
+from drillenv.diagnosis.fitting import CONVERGED, JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.naming import THOROUGH, Named, without
+from drillenv.diagnosis.naming import Named, without
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import Step, forward
 from drillenv.diagnosis.solver import Limits
@@ -76,13 +76,13 @@ def diagnose_body(
         )
     with ThreadPoolExecutor(1) as pool:
         own = [np.zeros(0)] * len(stretches)
-        plain = fit_to(stretches, begun, None, own, pool, JOINED, Limits(10, 0.5, 0.003))
+        plain = fit_to(stretches, begun, None, own, pool, JOINED, CONVERGED)
         say(f"reduced chi-square {plain.per_freedom:.3f}")
         final, steps, tested = forward(stretches, plain, pool, say)
         final = fit_to(stretches, final.structure, final.fit.shared, own, pool, JOINED, Limits(30, 1e-3), final.noise)
         final, steps = as_sums(final, as_one(steps), pool, say)
         # both by one yardstick
-        plain = fit_to(stretches, plain.structure, plain.fit.shared, own, pool, JOINED, THOROUGH, final.noise)
+        plain = fit_to(stretches, plain.structure, plain.fit.shared, own, pool, JOINED, CONVERGED, final.noise)
         return BodyReport(campaign, bodies, tuple(remarks), tuple(faults), plain, final, steps, tested, pool).outcome()
 
 
@@ -158,7 +158,7 @@ def as_sums(
                 continue
             begun = np.concatenate([start, *(np.array(e.form.starts[0]) / [u.width for u in e.unknowns] for e in pair)])
             structure = replace(rest, terms=(*rest.terms, *pair))
-            both = fit_to(data, structure, begun, own, pool, JOINED, THOROUGH, fitted.noise)
+            both = fit_to(data, structure, begun, own, pool, JOINED, CONVERGED, fitted.noise)
             fewer = size - sum(len(each.unknowns) for each in pair)
             as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted.samples)
             if as_well and (best is None or both.cost < best[0].cost):

@@ -18,10 +18,10 @@ from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
 from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, explained, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
-from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
+from drillenv.diagnosis.fitting import CONVERGED, JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import POINTS, indices_of, law_record, quantity, with_spread
-from drillenv.diagnosis.naming import THOROUGH, without
+from drillenv.diagnosis.naming import without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import ScoreTests, Step, regular
 from drillenv.diagnosis.solver import Floats
@@ -129,7 +129,7 @@ class BodyReport:
     def refitted(self, structure: ModelStructure, start: Floats) -> Fitted:
         """Another structure on the same rows by the same noise."""
         data = [block.data for block in self.plain.blocks]
-        return fit_to(data, structure, start, [np.zeros(0)] * len(data), self.pool, JOINED, THOROUGH, self.final.noise)
+        return fit_to(data, structure, start, [np.zeros(0)] * len(data), self.pool, JOINED, CONVERGED, self.final.noise)
 
     # --- what speaks for it
 

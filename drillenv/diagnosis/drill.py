@@ -76,6 +76,12 @@ FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
 for the samples say little of them where sensors remember the time before."""
 IMPROBABLE = 5.0
 """Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
+LABELLED = 1e6
+"""Precision of labels that are taken for exact."""
+PROGRESS = 0.8
+"""Share of its cost to which a recording has to come with windows begun anew for them to be begun anew once more."""
+USUAL = 0.25
+"""Quantile of the windows' costs that those do not exceed of which the states have been found."""
 OUTLYING = 4.0
 """Of the other recordings' cost a sample, that of one whose states are suspect."""
 BENT = 50.0
@@ -184,6 +190,8 @@ class ShootingProblem:
     """By which the continuity constraints' standard deviations are widened."""
     noise: tuple[NoiseModel, NoiseModel]
     """Of force and acceleration."""
+    label_precision: float = 1.0
+    """Of the pressure's and the impacts' labels, in inverse squares of their standard deviations."""
 
     def __post_init__(self) -> None:
         data = self.data
@@ -404,7 +412,7 @@ class ShootingProblem:
         if self.state_count(own) == OWN:
             precision[BENT1:OWN] = (STATE_WIDTHS[BENT1:OWN] / BENT) ** 2
         behind = self.windows * self.state_count(own)
-        precision[behind : behind + 2] = 1.0
+        precision[behind : behind + 2] = self.label_precision
         precision[behind + 2 :] = self.line_precision
         return off, precision
 
@@ -469,10 +477,16 @@ class ShootingProblem:
         if mistaken or outlying:
             own = self.begun_anew(shared, own)
             cost, costs = self.costs(shared, own)
-        length = np.diff(self.data.starts)
-        typical = float(np.median(costs / length))
-        stray = costs / length > max(2.0 * typical, 1.5)
-        if not stray.any() or stray.mean() > 0.25 or (typical > 1.5 and not outlying):
+        typical = float(np.median(costs / np.diff(self.data.starts)))
+        return own if typical > 1.5 and not outlying else self.with_windows_begun_anew(shared, own)
+
+    def with_windows_begun_anew(self, shared: Floats, own: Floats) -> Floats:
+        """Own unknowns with windows that stand out begun from elsewhere, where that comes to a lower cost."""
+        cost, costs = self.costs(shared, own)
+        per_sample = costs / np.diff(self.data.starts)
+        # where the motion is another one in most of them the better ones tell
+        stray = per_sample > max(2.0 * float(np.quantile(per_sample, USUAL)), 1.5)
+        if not stray.any():
             return own
         kept = self.state_count(own)
         model = self.structure.model(shared * self.widths, self.point)
@@ -500,10 +514,22 @@ class ShootingProblem:
         """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
         kept = self.state_count(own)
         guess = resized(first_states(self.data), self.windows, kept, 4, len(self.lines))
-        free = replace(self, weight=FREE).estimate_states(shared, guess)
-        free[self.windows * kept] = 0.0
-        begun = self.estimate_states(shared, self.rollout(shared, free) if self.weight <= JOINED else free)
+        begun = replace(self, weight=FREE).find_states(shared, guess)
+        begun = self.estimate_states(shared, self.rollout(shared, begun) if self.weight <= JOINED else begun)
         return begun if self.cost(shared, begun) < self.cost(shared, own) else own
+
+    def find_states(self, shared: Floats, guess: Floats) -> Floats:
+        """Own unknowns from a first guess: the states by the labels, until no window stands out, then all of them.
+
+        Windows in which the motion is still another one would have any pressure.
+        """
+        labelled = replace(self, label_precision=LABELLED)
+        own = labelled.estimate_states(shared, guess)
+        cost, before = labelled.cost(shared, own), math.inf
+        while cost < PROGRESS * before:
+            own, before = labelled.with_windows_begun_anew(shared, own), cost
+            cost = labelled.cost(shared, own)
+        return self.estimate_states(shared, own)
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
         """(windows, kept) own unknowns of states (windows, OWN); the model has the recording's pressure."""

@@ -20,6 +20,11 @@ within the integrator's error."""
 GRADUAL = (100.0, 10.0, JOINED)
 """From one to the other in smaller steps."""
 FULL = Limits()
+CONVERGED = Limits(40, 0.5, 0.003)
+"""Until a step gains next to nothing of what is left: far off, fits creep along curved valleys, and say little
+of a model where they are ended for their number of steps."""
+ROUNDS = 3
+"""Times, at most, that what stands out is begun anew: beside what was found others may stand out."""
 SETTLING = 6
 """Steps of own unknowns alone before a fit that begins elsewhere."""
 
@@ -149,8 +154,10 @@ def fit_to(
         each: Callable = map if pool is None else pool.map
         own = list(each(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
-    own = reinitialise_outliers(blocks, fit, pool)
-    if any(one is not other for one, other in zip(own, fit.own, strict=True)):
+    for _ in range(ROUNDS):
+        own = reinitialise_outliers(blocks, fit, pool)
+        if all(one is other for one, other in zip(own, fit.own, strict=True)):
+            break
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
     return Fitted(structure, blocks, fit, priors)
 

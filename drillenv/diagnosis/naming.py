@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import Fitted, fit_to
+from drillenv.diagnosis.fitting import CONVERGED, Fitted, fit_to
 from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR, NOISE_KNOWN
 
-FIRST, THOROUGH = Limits(5, 0.5, 0.003), Limits(15, 0.5, 0.003)
-"""Steps of an equation's fit before it is seen whether it explains anything, and after."""
+FIRST = Limits(5, 0.5, 0.003)
+"""Steps of an equation's fit before it is seen whether it explains anything."""
 MOST = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
 TENSE = 2.0
@@ -86,7 +86,7 @@ def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, poo
         terms = (constants.freed(name), *fitted.structure.terms[1:])
         structure = replace(fitted.structure, terms=terms)
         start, own = fitted.fit.shared, fitted.fit.own
-        return fit_to(data, structure, start, own, pool, fitted.weight, THOROUGH, fitted.noise)
+        return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise)
     return fitted
 
 
@@ -113,7 +113,7 @@ def name_law(
             other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
             if not other.fit.converged and other.cost - fitted.cost < gain:
                 other = fit_to(
-                    data, structure, other.fit.shared, other.fit.own, pool, fitted.weight, THOROUGH, fitted.noise
+                    data, structure, other.fit.shared, other.fit.own, pool, fitted.weight, CONVERGED, fitted.noise
                 )
             fewer = family.size - len(equation.unknowns)
             as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)

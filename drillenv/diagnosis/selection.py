@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from drillenv.diagnosis.adapter import RecordingProblem
-from drillenv.diagnosis.fitting import FREE, JOINED, Fitted, fit_to, joined
+from drillenv.diagnosis.fitting import CONVERGED, FREE, JOINED, Fitted, fit_to, joined
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
-from drillenv.diagnosis.naming import THOROUGH, Named, name_law, with_more, without
+from drillenv.diagnosis.naming import Named, name_law, with_more, without
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import (
@@ -33,7 +33,8 @@ CANDIDATES = 3
 """Families that are fitted side by side at each step."""
 MOST = 4
 """Families, at most."""
-SHORT, MIDDLING, LONG = Limits(5, 0.5, 0.02), Limits(10, 0.5, 0.003), Limits(12, 0.5, 0.003)
+SHORT = Limits(5, 0.5, 0.02)
+"""Steps by which families are compared before those that come near are followed to their ends."""
 DETAILS = (2, 4)
 """Resolutions of a free law that are tried."""
 PROMISED = 0.5
@@ -50,6 +51,11 @@ class Score(NamedTuple):
     p: float
     cross_validated: float
     """The gain on recordings that are left out: see :meth:`Information.cross_validated_gain`."""
+
+    @property
+    def size(self) -> int:
+        """Parameters that it adds; of one with states of its own only the strength shows where that is 0."""
+        return self.family.size if self.family.has_states else self.freedom
 
     @property
     def confirmed(self) -> bool:
@@ -231,7 +237,7 @@ def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor
         terms.append(term)
     structure = replace(fitted.structure, terms=tuple(terms))
     start, own = fitted.fit.shared, fitted.fit.own
-    return fit_to(data, structure, start, own, pool, fitted.weight, MIDDLING, fitted.noise)
+    return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise)
 
 
 def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> Floats:
@@ -288,7 +294,7 @@ def _on_finer(
         terms.append(other)
         start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
     structure, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
-    return fit_to(data, structure, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise, True)
+    return fit_to(data, structure, begun, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise, True)
 
 
 @dataclass
@@ -366,7 +372,7 @@ def forward(
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     while True:
         # a model that has come close is to hold from window to window
-        fitted = joined(data, fitted, pool, THOROUGH, fitted.noise)
+        fitted = joined(data, fitted, pool, CONVERGED, fitted.noise)
         for i, step in enumerate(steps):
             if step.pending and fitted.per_freedom < CLOSE:
                 steps[i] = identify_equation(data, fitted, step, pool, say)
@@ -485,7 +491,7 @@ def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: 
             if any(each.family.group == family.group for each in steps):
                 continue
             structure, start = with_more(rest, begun, family)
-            other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, LONG, fitted.noise)
+            other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise)
             finer = refined(data, other, family, pool)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
             if finer.cost > fitted.cost and criterion(finer, fitted) > criterion(fitted, fitted):
@@ -594,16 +600,16 @@ def best_step(
         fits += refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     best, found = fits[0]
-    if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.freedom), resolved_gain(best.family, fitted)):
+    if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
-    step = accept(data, fitted, best.family, found, best.freedom, pool, say, best.family.group in named)
+    step = accept(data, fitted, best.family, found, best.size, pool, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
 
 
 def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
     """Negative log-likelihood of a family's fit with the penalty on its parameters."""
-    return other.cost + penalty(score.freedom, fitted)
+    return other.cost + penalty(score.size, fitted)
 
 
 def explains_all(other: Fitted, fitted: Fitted) -> bool:
@@ -640,7 +646,7 @@ def refine_candidates(
         if best is not None and other.cost > best + near * (fitted.cost - best):
             break
         start = other.fit.shared
-        again = fit_to(data, other.structure, start, other.fit.own, pool, other.weight, LONG, fitted.noise)
+        again = fit_to(data, other.structure, start, other.fit.own, pool, other.weight, CONVERGED, fitted.noise)
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
         best = again.cost if best is None else min(best, again.cost)
@@ -663,7 +669,7 @@ def accept(
     Where none does, and something else is missing as well, they are tried again once the model is close.
     """
     loose = found.weight
-    found = joined(data, found, pool, THOROUGH, fitted.noise)
+    found = joined(data, found, pool, CONVERGED, fitted.noise)
     if found.weight < loose:
         say(f"  joined: chi-square {found.per_freedom:.4f}")
     named = Named(family, family.mechanism, None, [])
@@ -696,9 +702,9 @@ def identify_equation(data: Sequence[Any], fitted: Fitted, step: Step, pool: Exe
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
     close = other.per_freedom < CLOSE
-    noise, limits = (other.structure.rig.noise_left(other, pool), MIDDLING) if close else (other.noise, SHORT)
+    noise = other.structure.rig.noise_left(other, pool) if close else other.noise
     structure = on_axes(other.structure, other.structure.rig.axes_at(other, pool))
-    other = fit_to(data, structure, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
+    other = fit_to(data, structure, other.fit.shared, other.fit.own, pool, other.weight, CONVERGED, noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return replace(step, after=other, named=named, terms=terms, pending=False)
@@ -715,7 +721,7 @@ def corrected_equation(
     zeros = np.array([each.value / each.width for each in family.unknowns])
     structure = replace(rest, terms=(*rest.terms, equation, *family.terms))
     begun = np.concatenate([begun, scaled, zeros])
-    both = fit_to(data, structure, begun, other.fit.own, pool, other.weight, THOROUGH, other.noise)
+    both = fit_to(data, structure, begun, other.fit.own, pool, other.weight, CONVERGED, other.noise)
     return both, (equation, *family.terms)
 
 
@@ -738,7 +744,7 @@ def backward(
         if found_here and len(kept) < 2:
             break
         rest, begun = without(fitted, step.terms, step.family.constant)
-        other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, THOROUGH, fitted.noise)
+        other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise)
         by_chance = 0.5 * chi2.isf(level, step.freedom)
         needed = max(by_chance, least, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
         if other.cost - fitted.cost < needed:

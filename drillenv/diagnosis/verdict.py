@@ -21,7 +21,7 @@ from drillenv.diagnosis.drill import MASSES, PRESSURE_LABEL, ShootingProblem, fi
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
-from drillenv.diagnosis.fitting import FREE, GRADUAL, JOINED, Fitted, fit_to, joined, priors_of
+from drillenv.diagnosis.fitting import CONVERGED, FREE, GRADUAL, JOINED, Fitted, fit_to, joined, priors_of
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, OutOfTime, Progress
@@ -256,8 +256,7 @@ def fitted_without(fitted: Fitted, i: int, pool: Executor) -> Fitted:
     own = [fitted.fit.own[j] for j in others]
     noise = [fitted.noise[j] for j in others]
     rest = [fitted.blocks[j].data for j in others]
-    limits = Limits(10, 0.5, 0.003)
-    return fit_to(rest, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
+    return fit_to(rest, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, CONVERGED, noise)
 
 
 def outlying_recording(outcome: Outcome) -> str | None:
@@ -338,7 +337,7 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     noise = noise_left(found, pool)
     if found.per_freedom > CLOSE:
         noise = quietest(noise, data, lines=True)
-    return fit_to(data, structure, found.fit.shared, found.fit.own, pool, found.weight, Limits(10, 0.5, 0.003), noise)
+    return fit_to(data, structure, found.fit.shared, found.fit.own, pool, found.weight, CONVERGED, noise)
 
 
 def final_refit(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
@@ -371,8 +370,7 @@ def extend_horizon(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) 
     # lines that the model has itself are no noise
     noise = [without_lines(each.block, own_lines(fitted)) for each in there]
     own = [each.own for each in there]
-    limits = Limits(10, 0.5, 0.003)
-    return fit_to(data, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, limits, noise)
+    return fit_to(data, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, CONVERGED, noise)
 
 
 def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
@@ -465,7 +463,10 @@ def estimate_states_of(
         block = ShootingProblem(each, fitted.structure, weight, level)
         if own.size != windows * size + block.locals:
             own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
-        own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
+        if weight == FREE and beginning is None:
+            own = block.find_states(shared, own)
+        else:
+            own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
         again = block.reinitialise_outliers(shared, own, fitted.fit.cost / fitted.samples)
         return block, own if again is own else block.estimate_states(shared, again)
 
