@@ -567,13 +567,16 @@ def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0
 
 
 def kind_of_spring(x: Floats, law: Floats) -> str:
-    """What a spring's law (n,) is: saturating where it gets softer the more it is deflected, else hardening.
+    """What a spring's law (n,) is: saturating where it is softer where it is deflected most, else hardening.
 
-    By the x |x| that fits it best beside a straight line: a loaded spring is deflected one way only.
+    A loaded spring is deflected one way only: least at one end, and most at the other.
     """
-    share = x / np.abs(x).max()
-    columns = np.column_stack([np.ones_like(x), share, share * np.abs(share)])
-    return SATURATING if np.linalg.lstsq(columns, law, rcond=None)[0][2] < 0.0 else HARDENING
+    size = np.abs(x)
+    third = (size.max() - size.min()) / 3.0
+    least, most = size <= size.min() + third, size >= size.max() - third
+    ends = [each for each in (most & (x < 0.0), most & (x > 0.0)) if np.count_nonzero(each) > 1]
+    slopes = [float(np.polyfit(x[each], law[each], 1)[0]) for each in (least, *ends)]
+    return SATURATING if np.mean(slopes[1:]) < slopes[0] else HARDENING
 
 
 def kind_of_contact(stiffness: Floats) -> str:
