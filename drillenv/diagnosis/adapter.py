@@ -55,7 +55,7 @@ class RecordingProblem(Block, Protocol):
         ...
 
     def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
-        """Own unknowns, those that stand out begun anew; ``usual`` is the median cost a sample over recordings."""
+        """Own unknowns, those that stand out begun anew; ``usual`` is what a sample costs in the fit's recordings."""
         ...
 
     def rollout(self, shared: Floats, own: Floats) -> Floats:

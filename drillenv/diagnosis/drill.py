@@ -478,16 +478,18 @@ class ShootingProblem:
             own = self.begun_anew(shared, own)
             cost, costs = self.costs(shared, own)
         typical = float(np.median(costs / np.diff(self.data.starts)))
-        return own if typical > 1.5 and not outlying else self.with_windows_begun_anew(shared, own)
+        return own if typical > 1.5 and not outlying else self.with_windows_begun_anew(shared, own, cost, costs)[1]
 
-    def with_windows_begun_anew(self, shared: Floats, own: Floats) -> Floats:
-        """Own unknowns with windows that stand out begun from elsewhere, where that comes to a lower cost."""
-        cost, costs = self.costs(shared, own)
+    def with_windows_begun_anew(self, shared: Floats, own: Floats, cost: float, costs: Floats) -> tuple[float, Floats]:
+        """Cost and own unknowns with windows that stand out begun from elsewhere, where that comes to a lower cost.
+
+        From a known cost, and that of each window.
+        """
         per_sample = costs / np.diff(self.data.starts)
         # where the motion is another one in most of them the better ones tell
         stray = per_sample > max(2.0 * float(np.quantile(per_sample, USUAL)), 1.5)
         if not stray.any():
-            return own
+            return cost, own
         kept = self.state_count(own)
         model = self.structure.model(shared * self.widths, self.point)
         raw = self.integrate(model, own)
@@ -508,7 +510,8 @@ class ShootingProblem:
             _, other = self.costs(shared, begun)
             better = np.append(np.repeat(stray & (other < best), kept), np.zeros(self.locals, dtype=bool))
             at, best = np.where(better, begun, at), np.minimum(best, other)
-        return at if self.cost(shared, at) < cost else own
+        after = self.cost(shared, at)
+        return (after, at) if after < cost else (cost, own)
 
     def begun_anew(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
@@ -525,10 +528,11 @@ class ShootingProblem:
         """
         labelled = replace(self, label_precision=LABELLED)
         own = labelled.estimate_states(shared, guess)
-        cost, before = labelled.cost(shared, own), math.inf
+        before = math.inf
+        cost, costs = labelled.costs(shared, own)
         while cost < PROGRESS * before:
-            own, before = labelled.with_windows_begun_anew(shared, own), cost
-            cost = labelled.cost(shared, own)
+            before, (cost, own) = cost, labelled.with_windows_begun_anew(shared, own, cost, costs)
+            costs = labelled.costs(shared, own)[1]
         return self.estimate_states(shared, own)
 
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:

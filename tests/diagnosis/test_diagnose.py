@@ -68,31 +68,34 @@ def nominal_block(campaign, data):
     return ShootingProblem(data, ModelStructure((constants(campaign.nominal),), flat, DRILL), FREE, noise_of(data))
 
 
+@pytest.fixture(scope="module")
+def followed():
+    """A recording under its true model: the block, its shared parameters, and its own unknowns at their best."""
+    campaign = campaign_with()
+    data = condition(campaign.recordings[0], Rig())
+    block = nominal_block(campaign, data)
+    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    return block, shared, block.estimate_states(shared, first_states(data))
+
+
 def test_noise_is_told_from_the_signal():
     rng = np.random.default_rng(1)
     signal = 500 * np.sin(np.arange(10_000) * 0.02) + rng.normal(0, 3.0, 10_000)
     assert white_noise(signal) == pytest.approx(3.0, rel=0.05)
 
 
-def test_states_read_from_the_measurements_start_the_model_near_them():
-    campaign = campaign_with()
-    data = condition(campaign.recordings[0], Rig())
-    block = nominal_block(campaign, data)
-    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+def test_states_read_from_the_measurements_start_the_model_near_them(followed):
+    block, shared, _ = followed
     values = shared * block.widths
     model = block.structure.model(values, block.point)
-    said = block.integrate(model, first_states(data)).said
+    said = block.integrate(model, first_states(block.data)).said
     left = (block.measured - block.read(values, said))[0, block.evaluation]
     # the peaks are of 1.5 kN; without any fit the model follows them within a tenth of their rms
     assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.evaluation] ** 2))
 
 
-def test_a_window_that_begins_elsewhere_finds_back():
-    campaign = campaign_with()
-    data = condition(campaign.recordings[0], Rig())
-    block = nominal_block(campaign, data)
-    shared = np.array([each.value / each.width for each in block.structure.unknowns])
-    best = block.estimate_states(shared, first_states(data))
+def test_a_window_that_begins_elsewhere_finds_back(followed):
+    block, shared, best = followed
     for window in (0, 3):
         elsewhere = best.copy()
         # so far off the rock that it comes down after the blow
@@ -101,12 +104,8 @@ def test_a_window_that_begins_elsewhere_finds_back():
         assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
 
 
-def test_a_recording_is_begun_anew_where_others_are_followed_by_far_more_closely():
-    campaign = campaign_with()
-    data = condition(campaign.recordings[0], Rig())
-    block = nominal_block(campaign, data)
-    shared = np.array([each.value / each.width for each in block.structure.unknowns])
-    best = block.estimate_states(shared, first_states(data))
+def test_a_recording_is_begun_anew_where_others_are_followed_by_far_more_closely(followed):
+    block, shared, best = followed
     # every window off the rock as it begins, and half as much pressure again
     elsewhere = best.copy()
     elsewhere[: 4 * block.windows].reshape(-1, 4)[:, 3] = -5e-4 / STATE_WIDTHS[3]

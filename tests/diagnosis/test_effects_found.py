@@ -135,7 +135,7 @@ def test_a_gain_that_drifts_is_no_hardening_spring():
     """A hardening spring of no strength at all would let a fresh rig begin elsewhere, and so gain something."""
     rng = np.random.default_rng(SEED)
     (equation,) = OUTSIDE["gain-drift, load cell"].equations
-    chosen = concealed("gain-drift", equation, rng, STRENGTH, SITE)
+    chosen = concealed("gain-drift", equation, rng, 1.0, SITE)
     record = diagnose(plain_campaign(rng, 5, (chosen,), seconds=0.4).campaign).record
     assert record["verdict"] == "unexplained"
     assert record["findings"] == []
