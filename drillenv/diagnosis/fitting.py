@@ -184,6 +184,5 @@ def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, n
 def reinitialise_outliers(blocks: Sequence[Any], fit: Fit, pool: Executor | None) -> list[Floats]:
     """Own unknowns of each block, windows and recordings that stand out begun anew."""
     each: Callable = map if pool is None else pool.map
-    costs = each(lambda block, own: block.cost(fit.shared, own) / block.samples, blocks, fit.own)
-    usual = float(np.median(list(costs)))
+    usual = float(np.median([cost / block.samples for cost, block in zip(fit.costs, blocks, strict=True)]))
     return list(each(lambda block, own: block.reinitialise_outliers(fit.shared, own, usual), blocks, fit.own))

@@ -93,6 +93,8 @@ class Fit:
     own: list[Floats]
     cost: float
     """Negative log-likelihood with the priors."""
+    costs: list[float]
+    """Of each block, without."""
     parts: list[Quadratic]
     """Of each block, at the end or at most a step before it that gained next to nothing."""
     hessian: Floats
@@ -161,7 +163,7 @@ def minimise(
     costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
     if not math.isfinite(sum(costs)):
         # there is no motion to begin with
-        return Fit(shared, own, math.inf, [], np.zeros((shared.size, shared.size)), False, 0)
+        return Fit(shared, own, math.inf, costs, [], np.zeros((shared.size, shared.size)), False, 0)
     damping, converged, steps = _Damping(), False, 0
     parts: list[Quadratic] = []
     while steps < limits.steps:
@@ -194,7 +196,7 @@ def minimise(
                 break
     parts = parts or _quadratics(blocks, shared, own, each)
     hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.precision**2))
-    return Fit(shared, own, sum(costs) + priors.cost(shared), parts, hessian, converged, steps)
+    return Fit(shared, own, sum(costs) + priors.cost(shared), costs, parts, hessian, converged, steps)
 
 
 @dataclass

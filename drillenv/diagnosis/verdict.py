@@ -378,8 +378,8 @@ def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted,
     there = estimate_recordings(data, fitted, pool, best.noise, known=True)
     own = [each.own for each in there]
     blocks = [each.block for each in there]
-    cost = sum(block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True))
-    return Fitted(fitted.structure, blocks, replace(fitted.fit, own=own, cost=cost), fitted.priors)
+    costs = [block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True)]
+    return Fitted(fitted.structure, blocks, replace(fitted.fit, own=own, cost=sum(costs), costs=costs), fitted.priors)
 
 
 def estimate_recordings(
