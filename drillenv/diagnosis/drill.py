@@ -80,8 +80,8 @@ LABELLED = 1e6
 """Precision of labels that are taken for exact."""
 PROGRESS = 0.8
 """Share of its cost to which a recording has to come with windows begun anew for them to be begun anew once more."""
-USUAL = 0.25
-"""Quantile of the windows' costs that those do not exceed of which the states have been found."""
+FOUND_QUANTILE = 0.25
+"""Quantile of the windows' costs a sample that stands for windows whose states have been found."""
 OUTLYING = 4.0
 """Of the other recordings' cost a sample, that of one whose states are suspect."""
 BENT = 50.0
@@ -475,19 +475,21 @@ class ShootingProblem:
         mistaken = close and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
         outlying = cost > OUTLYING * usual * self.samples
         if mistaken or outlying:
-            own = self.begun_anew(shared, own)
+            own = self.reinitialised(shared, own)
             cost, costs = self.costs(shared, own)
         typical = float(np.median(costs / np.diff(self.data.starts)))
-        return own if typical > 1.5 and not outlying else self.with_windows_begun_anew(shared, own, cost, costs)[1]
+        return own if typical > 1.5 and not outlying else self.with_windows_reinitialised(shared, own, cost, costs)[1]
 
-    def with_windows_begun_anew(self, shared: Floats, own: Floats, cost: float, costs: Floats) -> tuple[float, Floats]:
+    def with_windows_reinitialised(
+        self, shared: Floats, own: Floats, cost: float, costs: Floats
+    ) -> tuple[float, Floats]:
         """Cost and own unknowns with windows that stand out begun from elsewhere, where that comes to a lower cost.
 
         From a known cost, and that of each window.
         """
         per_sample = costs / np.diff(self.data.starts)
         # where the motion is another one in most of them the better ones tell
-        stray = per_sample > max(2.0 * float(np.quantile(per_sample, USUAL)), 1.5)
+        stray = per_sample > max(2.0 * float(np.quantile(per_sample, FOUND_QUANTILE)), 1.5)
         if not stray.any():
             return cost, own
         kept = self.state_count(own)
@@ -513,7 +515,7 @@ class ShootingProblem:
         after = self.cost(shared, at)
         return (after, at) if after < cost else (cost, own)
 
-    def begun_anew(self, shared: Floats, own: Floats) -> Floats:
+    def reinitialised(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
         kept = self.state_count(own)
         guess = resized(first_states(self.data), self.windows, kept, 4, len(self.lines))
@@ -531,7 +533,7 @@ class ShootingProblem:
         before = math.inf
         cost, costs = labelled.costs(shared, own)
         while cost < PROGRESS * before:
-            before, (cost, own) = cost, labelled.with_windows_begun_anew(shared, own, cost, costs)
+            before, (cost, own) = cost, labelled.with_windows_reinitialised(shared, own, cost, costs)
             costs = labelled.costs(shared, own)[1]
         return self.estimate_states(shared, own)
 
