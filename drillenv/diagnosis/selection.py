@@ -535,23 +535,24 @@ def resolved_gain(family: Family, fitted: Fitted) -> float:
 
 
 def misfit_allowance(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
-    """Log-likelihood that errors of laws found so far may leave: a share of their gain, at most half of what is left.
+    """Log-likelihood that errors of laws found so far may leave, a share of their gain.
 
     What an equation leaves is what a free correction of the same mechanism gains: another that gains less takes up a
-    part of it. What explains more than half of what is left is no error of another law.
+    part of it. A free law says nothing of what it leaves, which is at most half of what is left: what explains more
+    than that is no error of another law.
     """
+    left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
 
     def error(step: Step) -> float:
         if step.family.constant:
             return 0.0
-        gain = step.gain_in(fitted)
+        most = LAW_LEFT**2 * step.gain_in(fitted)
         if step.named.equation is None:
-            return LAW_LEFT**2 * gain
+            return min(most, 0.5 * left)
         own = [each.gain for each in scores if each.family.group == step.family.group]
-        return min(LAW_LEFT**2 * gain, max(own, default=math.inf))
+        return min(most, max(own, default=0.5 * left))
 
-    left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
-    return min(max(map(error, steps), default=0.0), 0.5 * left)
+    return max(map(error, steps), default=0.0)
 
 
 def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fitted: Fitted) -> list[Score]:

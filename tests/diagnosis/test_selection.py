@@ -55,3 +55,12 @@ def test_what_an_equation_leaves_is_what_its_own_correction_gains():
     there = [step("mount", 1e6, "one mass")]
     scores = [score("mount", 400.0), score("damper", 300.0)]
     assert least_gain(scores[1], fit(1.5), there, scores) == pytest.approx(400.0)
+
+
+def test_what_a_free_law_leaves_is_at_most_half_of_what_is_left():
+    """What its equation's own correction gains says more: it holds whatever is left."""
+    left = 0.5 * 0.02 * SAMPLES
+    free, equation = step("mount", 1e6, None), step("mount", 1e6, "one mass")
+    scores = [score("mount", 0.9 * left), score("damper", 0.7 * left)]
+    assert least_gain(scores[1], fit(1.02), [free], scores) == pytest.approx(0.5 * left)
+    assert least_gain(scores[1], fit(1.02), [equation], scores) == pytest.approx(0.9 * left)
