@@ -54,8 +54,8 @@ class RecordingProblem(Block, Protocol):
         """Own unknowns after steps of their own."""
         ...
 
-    def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
-        """Own unknowns, those that stand out begun anew; ``usual`` is what a sample costs in the fit's recordings."""
+    def reinitialise_outliers(self, shared: Floats, own: Floats, outlying: bool) -> Floats:
+        """Own unknowns, those that stand out begun anew; ``outlying`` where the recording does among the fit's."""
         ...
 
     def rollout(self, shared: Floats, own: Floats) -> Floats:
@@ -106,7 +106,7 @@ class Regression:
         """There is nothing to settle."""
         return own
 
-    def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats, outlying: bool) -> Floats:
         """There is nothing to begin anew."""
         return own
 

@@ -35,7 +35,7 @@ from drillenv.diagnosis.solver import Floats, Quadratic, factor
 from drillenv.diagnosis.tables import interpolate
 from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Model, ModelStructure, OperatingPoint, Term
 from drillenv.diagnosis.thresholds import CLOSE
-from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, GUIDE, INDENTER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.constitutive.tables import NotSmoothError
 from drillenv.dynamics.hybrid.advance import WENT_ON
 from drillenv.dynamics.hybrid.model import fresh_motion
@@ -49,6 +49,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
     BRISTLES2,
     F_B,
+    GRIP1,
+    GRIP2,
     MOUNT_SQUARE,
     OWN,
     UD,
@@ -82,8 +84,6 @@ PROGRESS = 0.8
 """Share of its cost to which a recording has to come with windows begun anew for them to be begun anew once more."""
 FOUND_QUANTILE = 0.25
 """Quantile of the windows' costs a sample that stands for windows whose states have been found."""
-OUTLYING = 4.0
-"""Of the other recordings' cost a sample, that of one whose states are suspect."""
 BENT = 50.0
 """N, standard deviation of the force of bristles where a recording begins: friction that a lab would not miss."""
 AIR_AT_START = 2.0
@@ -463,17 +463,18 @@ class ShootingProblem:
                 best, at, costs = cost, part, other
         return best, at
 
-    def reinitialise_outliers(self, shared: Floats, own: Floats, usual: float) -> Floats:
+    def reinitialise_outliers(self, shared: Floats, own: Floats, outlying: bool) -> Floats:
         """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin.
 
-        A recording is begun anew as a whole where the model follows the others by far more closely, and where in a
-        close model its pressure is not to be believed: where friction holds a mass the one way, or the other, its force
-        and the pressure's can stand for each other. In a model that is far off pressures stand for all that it lacks.
+        A recording is begun anew as a whole where it is ``outlying``, since the model follows the others by far more
+        closely, and where in a close model with friction its pressure is not to be believed: that holds a mass one way
+        or the other, and its force and the pressure's can stand for each other. In a model that is far off pressures
+        stand for all that it lacks.
         """
         cost, costs = self.costs(shared, own)
         close = self.weight <= JOINED and 2.0 * cost < CLOSE * self.samples
-        mistaken = close and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
-        outlying = cost > OUTLYING * usual * self.samples
+        held = close and has_friction(self.structure.model(shared * self.widths, self.point))
+        mistaken = held and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
         if mistaken or outlying:
             own = self.reinitialised(shared, own)
             cost, costs = self.costs(shared, own)
@@ -862,6 +863,12 @@ def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floa
 def states_per_window(own: Floats, windows: int) -> int:
     """States a window of own unknowns whose lines are fewer than three windows."""
     return OWN if (own.size - 2) // windows >= OWN else 4
+
+
+def has_friction(model: Model) -> bool:
+    """Whether anything resists the motion of one of the masses."""
+    gripping = any(model.s[each] > 0.0 for each in (GRIP1, GRIP2, BRISTLES1, BRISTLES2))
+    return gripping or model.bends(GUIDE) or model.bends(INDENTER)
 
 
 def absent(model: Model) -> list[int]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,10 @@ CONVERGED = Limits(40, 0.5, 0.003)
 of a model where they are ended for their number of steps."""
 ROUNDS = 3
 """Times, at most, that what stands out is begun anew: beside what was found others may stand out."""
+OUTLYING = 4.0
+"""Of the other recordings' cost a sample, that of one whose states are suspect."""
+REPEATED = 0.1
+"""Share by which a cost has to have changed for what was tried in vain to be tried again."""
 SETTLING = 6
 """Steps of own unknowns alone before a fit that begins elsewhere."""
 
@@ -154,9 +158,10 @@ def fit_to(
         each: Callable = map if pool is None else pool.map
         own = list(each(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
+    in_vain: list[Attempt | None] = [None] * len(blocks)
     for _ in range(ROUNDS):
-        own = reinitialise_outliers(blocks, fit, pool)
-        if all(one is other for one, other in zip(own, fit.own, strict=True)):
+        own, in_vain = reinitialise_outliers(blocks, fit, in_vain, pool)
+        if None not in in_vain:
             break
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
     return Fitted(structure, blocks, fit, priors)
@@ -181,8 +186,32 @@ def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, n
     return found
 
 
-def reinitialise_outliers(blocks: Sequence[Any], fit: Fit, pool: Executor | None) -> list[Floats]:
-    """Own unknowns of each block, windows and recordings that stand out begun anew."""
+class Attempt(NamedTuple):
+    """To begin a block's windows anew."""
+
+    outlying: bool
+    """Whether the whole block stood out."""
+    cost: float
+
+    def repeats(self, other: Attempt | None) -> bool:
+        """Whether another came to the same."""
+        if other is None or self.outlying != other.outlying:
+            return False
+        return abs(self.cost - other.cost) < REPEATED * other.cost
+
+
+def reinitialise_outliers(
+    blocks: Sequence[Any], fit: Fit, in_vain: Sequence[Attempt | None], pool: Executor | None
+) -> tuple[list[Floats], list[Attempt | None]]:
+    """Own unknowns of each block, windows and recordings that stand out begun anew; and what was in vain, or None."""
     each: Callable = map if pool is None else pool.map
-    usual = float(np.median([cost / block.samples for cost, block in zip(fit.costs, blocks, strict=True)]))
-    return list(each(lambda block, own: block.reinitialise_outliers(fit.shared, own, usual), blocks, fit.own))
+    sizes = [block.samples for block in blocks]
+    usual = float(np.median(np.divide(fit.costs, sizes)))
+    tried = [Attempt(cost > OUTLYING * usual * size, cost) for cost, size in zip(fit.costs, sizes, strict=True)]
+
+    def begun(block: Any, own: Floats, attempt: Attempt, before: Attempt | None) -> Floats:
+        return own if attempt.repeats(before) else block.reinitialise_outliers(fit.shared, own, attempt.outlying)
+
+    found = list(each(begun, blocks, fit.own, tried, in_vain))
+    same = [one is other for one, other in zip(found, fit.own, strict=True)]
+    return found, [attempt if one else None for attempt, one in zip(tried, same, strict=True)]

@@ -21,7 +21,7 @@ from drillenv.diagnosis.drill import MASSES, PRESSURE_LABEL, ShootingProblem, fi
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
-from drillenv.diagnosis.fitting import CONVERGED, FREE, GRADUAL, JOINED, Fitted, fit_to, joined, priors_of
+from drillenv.diagnosis.fitting import CONVERGED, FREE, GRADUAL, JOINED, OUTLYING, Fitted, fit_to, joined, priors_of
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, OutOfTime, Progress
@@ -467,7 +467,8 @@ def estimate_states_of(
             own = block.find_states(shared, own)
         else:
             own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
-        again = block.reinitialise_outliers(shared, own, fitted.fit.cost / fitted.samples)
+        outlying = block.per_sample(shared, own) > OUTLYING * 2.0 * fitted.fit.cost / fitted.samples
+        again = block.reinitialise_outliers(shared, own, outlying)
         return block, own if again is own else block.estimate_states(shared, again)
 
     block, own = settle(FREE, own)

@@ -100,7 +100,7 @@ def test_a_window_that_begins_elsewhere_finds_back(followed):
         elsewhere = best.copy()
         # so far off the rock that it comes down after the blow
         elsewhere[4 * window + 3] = -5e-4 / STATE_WIDTHS[3]
-        found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, 0.5))
+        found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, False))
         assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
 
 
@@ -110,10 +110,9 @@ def test_a_recording_is_begun_anew_where_others_are_followed_by_far_more_closely
     elsewhere = best.copy()
     elsewhere[: 4 * block.windows].reshape(-1, 4)[:, 3] = -5e-4 / STATE_WIDTHS[3]
     elsewhere[4 * block.windows] = 0.5 / PRESSURE_LABEL
-    found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, 0.5))
+    found = block.estimate_states(shared, block.reinitialise_outliers(shared, elsewhere, True))
     assert block.cost(shared, found) == pytest.approx(block.cost(shared, best), abs=2.0)
-    as_far = block.cost(shared, elsewhere) / block.samples
-    assert block.reinitialise_outliers(shared, elsewhere, as_far) is elsewhere
+    assert block.reinitialise_outliers(shared, elsewhere, False) is elsewhere
 
 
 def test_a_recording_without_contact_is_refused():
