@@ -15,7 +15,7 @@ import platform
 import resource
 import sys
 
-PEEKED, OUT_OF_TIME = 97, 98
+PEEKED = 97
 SEARCH = 0.8
 """Share of the time for the search; what it has found by then is held against recordings held out."""
 

@@ -80,8 +80,8 @@ SAME_ORBIT = 1e-6
 """Two points closer than this are of one orbit."""
 BACK = 1e-7
 """An angle is back to within this share of a turn."""
-DELTA = 1e-5
-"""Step of the differences, in scales: rounding then costs some 1e-5 of a multiplier, the bend of the map less."""
+NEAR_ONE = 1e-5
+"""A multiplier no further above 1 is not told from 1."""
 APART = 1e-6
 """How far apart the two runs start, in scales, whose parting gives the exponent."""
 EXPONENT_PERIODS = 1000
@@ -375,14 +375,6 @@ class Section:
         varied[3] *= self._recounted(begin, regime_of(begin), counted)[1]
         return varied / self.scales[:, None]
 
-    def tangent_by_differences(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:
-        """The same by central differences."""
-        columns = []
-        for step in DELTA * np.eye(point.size):
-            ahead, behind = (self.returned(place, point + way * step, periods) for way in (1.0, -1.0))
-            columns.append((ahead - behind) / (2.0 * DELTA))
-        return np.stack(columns, axis=1)
-
 
 def _acts(chosen: Chosen) -> bool:
     """Whether an effect has any strength: by its first parameter, which is that of every effect with extra states."""
@@ -446,7 +438,7 @@ def _closed(section: Section, first: Place, track: list[np.ndarray]) -> tuple[Se
         largest = np.abs(values).max()
         later = LONGEST_PERIOD - LONGEST_PERIOD % n
         # a multiplier of 1 is that of a mass that dry friction, or play, lets rest anywhere
-        if largest < 1.0 + DELTA and off < NEARLY_CLOSED:
+        if largest < 1.0 + NEAR_ONE and off < NEARLY_CLOSED:
             return _described(section, first, orbit, n, values), False
         if largest < 1.0:
             if off < 0.2 and _apart(orbit, track[later]) < off:

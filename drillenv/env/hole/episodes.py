@@ -17,8 +17,8 @@ from drillenv.env.plant import MOST_LAYERS
 from drillenv.rig import Rig
 from drillenv.rocks import ROCKS
 
-DEPTH, SHORT_DEPTH = 4.0, 1.0
-"""Depth of a hole in m, and of one of the short variant."""
+DEPTH = 4.0
+"""Depth of a hole in m."""
 DEEPEST = 100.0
 THICKNESS_RANGE = (0.3, 1.2)
 """Thickness of a layer in m."""
