@@ -49,8 +49,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
     BRISTLES2,
     F_B,
-    GRIP1,
-    GRIP2,
     MOUNT_SQUARE,
     OWN,
     UD,
@@ -473,8 +471,9 @@ class ShootingProblem:
         """
         cost, costs = self.costs(shared, own)
         close = self.weight <= JOINED and 2.0 * cost < CLOSE * self.samples
-        held = close and has_friction(self.structure.model(shared * self.widths, self.point))
-        mistaken = held and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
+        model = self.structure.model(shared * self.widths, self.point)
+        with_friction = model.bends(GUIDE) or model.bends(INDENTER)
+        mistaken = close and with_friction and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
         if mistaken or outlying:
             own = self.reinitialised(shared, own)
             cost, costs = self.costs(shared, own)
@@ -863,12 +862,6 @@ def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floa
 def states_per_window(own: Floats, windows: int) -> int:
     """States a window of own unknowns whose lines are fewer than three windows."""
     return OWN if (own.size - 2) // windows >= OWN else 4
-
-
-def has_friction(model: Model) -> bool:
-    """Whether anything resists the motion of one of the masses."""
-    gripping = any(model.s[each] > 0.0 for each in (GRIP1, GRIP2, BRISTLES1, BRISTLES2))
-    return gripping or model.bends(GUIDE) or model.bends(INDENTER)
 
 
 def absent(model: Model) -> list[int]:

@@ -27,8 +27,8 @@ ROUNDS = 3
 """Times, at most, that what stands out is begun anew: beside what was found others may stand out."""
 OUTLYING = 4.0
 """Of the other recordings' cost a sample, that of one whose states are suspect."""
-REPEATED = 0.1
-"""Share by which a cost has to have changed for what was tried in vain to be tried again."""
+RETRY_CHANGE = 0.1
+"""Relative change of a block's cost from which a reinitialisation that has failed is tried again."""
 SETTLING = 6
 """Steps of own unknowns alone before a fit that begins elsewhere."""
 
@@ -158,10 +158,10 @@ def fit_to(
         each: Callable = map if pool is None else pool.map
         own = list(each(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
-    in_vain: list[Attempt | None] = [None] * len(blocks)
+    failed: list[Attempt | None] = [None] * len(blocks)
     for _ in range(ROUNDS):
-        own, in_vain = reinitialise_outliers(blocks, fit, in_vain, pool)
-        if None not in in_vain:
+        own, failed = reinitialise_outliers(blocks, fit, failed, pool)
+        if None not in failed:
             break
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
     return Fitted(structure, blocks, fit, priors)
@@ -187,23 +187,27 @@ def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, n
 
 
 class Attempt(NamedTuple):
-    """To begin a block's windows anew."""
+    """A reinitialisation of a block's states."""
 
     outlying: bool
-    """Whether the whole block stood out."""
+    """Whether the whole block stood out among the others."""
     cost: float
+    """Of the block before it."""
 
     def repeats(self, other: Attempt | None) -> bool:
-        """Whether another came to the same."""
+        """Whether it would only repeat another one."""
         if other is None or self.outlying != other.outlying:
             return False
-        return abs(self.cost - other.cost) < REPEATED * other.cost
+        return abs(self.cost - other.cost) < RETRY_CHANGE * other.cost
 
 
 def reinitialise_outliers(
-    blocks: Sequence[Any], fit: Fit, in_vain: Sequence[Attempt | None], pool: Executor | None
+    blocks: Sequence[Any], fit: Fit, failed: Sequence[Attempt | None], pool: Executor | None
 ) -> tuple[list[Floats], list[Attempt | None]]:
-    """Own unknowns of each block, windows and recordings that stand out begun anew; and what was in vain, or None."""
+    """Own unknowns of each block, windows and recordings that stand out reinitialised; and the attempts that failed.
+
+    Of a block whose own unknowns have changed there is None.
+    """
     each: Callable = map if pool is None else pool.map
     sizes = [block.samples for block in blocks]
     usual = float(np.median(np.divide(fit.costs, sizes)))
@@ -212,6 +216,6 @@ def reinitialise_outliers(
     def begun(block: Any, own: Floats, attempt: Attempt, before: Attempt | None) -> Floats:
         return own if attempt.repeats(before) else block.reinitialise_outliers(fit.shared, own, attempt.outlying)
 
-    found = list(each(begun, blocks, fit.own, tried, in_vain))
+    found = list(each(begun, blocks, fit.own, tried, failed))
     same = [one is other for one, other in zip(found, fit.own, strict=True)]
     return found, [attempt if one else None for attempt, one in zip(tried, same, strict=True)]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cho_solve
 
-from drillenv.diagnosis.solver import Limits, Priors, Quadratic, factor, minimise
+from drillenv.diagnosis.fitting import reinitialise_outliers
+from drillenv.diagnosis.solver import Fit, Limits, Priors, Quadratic, factor, minimise
 
 
 @dataclass
@@ -182,3 +183,32 @@ def test_an_infinite_cost_is_no_end():
 
     found = minimise([Residuals(residual)], np.array([0.05]), [np.zeros(0)], free(1), Limits(80, 1e-9))
     assert 1.0 < found.shared[0] < 1.2
+
+
+@dataclass
+class Restarted:
+    """A block of one sample that notes each reinitialisation, none of which succeeds."""
+
+    tries: list[bool]
+    samples: int = 1
+
+    def reinitialise_outliers(self, shared, own, outlying):
+        """In vain."""
+        self.tries.append(outlying)
+        return own
+
+
+def test_a_reinitialisation_that_failed_is_not_repeated():
+    """Until the block's cost has changed by a tenth, or it has come to stand out among the others."""
+    blocks = [Restarted([]), Restarted([]), Restarted([])]
+    own = [np.zeros(1) for _ in blocks]
+    failed = [None] * 3
+    for costs in ([1.0, 1.0, 3.9], [1.0, 1.05, 3.8], [1.0, 1.5, 4.1]):
+        fit = Fit(np.zeros(0), own, sum(costs), costs, [], np.zeros((0, 0)), True, 0)
+        found, failed = reinitialise_outliers(blocks, fit, failed, None)
+        assert all(one is other for one, other in zip(found, own, strict=True)) and None not in failed
+    assert [each.tries for each in blocks] == [[False], [False, False], [False]]
+    costs = [1.0, 1.0, 4.1]
+    fit = Fit(np.zeros(0), own, sum(costs), costs, [], np.zeros((0, 0)), True, 0)
+    reinitialise_outliers(blocks, fit, failed, None)
+    assert blocks[2].tries == [False, True]
