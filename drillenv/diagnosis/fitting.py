@@ -158,6 +158,9 @@ def fit_to(
         each: Callable = map if pool is None else pool.map
         own = list(each(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
+    if fit.begun - fit.cost < limits.gain(fit.begun, samples):
+        # what stands out did so before
+        return Fitted(structure, blocks, fit, priors)
     failed: list[Attempt | None] = [None] * len(blocks)
     for _ in range(ROUNDS):
         own, failed = reinitialise_outliers(blocks, fit, failed, pool)

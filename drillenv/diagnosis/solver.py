@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Floats = NDArray[np.float64]
+DAMPED = 1e-3
+"""Least damping after a step that gained nothing: from less it would take several such steps, all alike, to rise."""
 
 
 class Quadratic(NamedTuple):
@@ -93,6 +95,8 @@ class Fit:
     own: list[Floats]
     cost: float
     """Negative log-likelihood with the priors."""
+    begun: float
+    """The same where the fit began."""
     costs: list[float]
     """Of each block, without."""
     parts: list[Quadratic]
@@ -116,6 +120,10 @@ class Limits(NamedTuple):
     """Gain of a step, in log-likelihood, below which it has converged."""
     relative: float = 0.0
     """The same, as a share of what is left beyond the noise."""
+
+    def gain(self, cost: float, samples: int) -> float:
+        """Gain below which a step from this cost, of so many residuals, is none."""
+        return max(self.tolerance, self.relative * (cost - 0.5 * samples))
 
 
 def factor(part: Quadratic, damping: float) -> tuple:
@@ -163,7 +171,8 @@ def minimise(
     costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
     if not math.isfinite(sum(costs)):
         # there is no motion to begin with
-        return Fit(shared, own, math.inf, costs, [], np.zeros((shared.size, shared.size)), False, 0)
+        return Fit(shared, own, math.inf, math.inf, costs, [], np.zeros((shared.size, shared.size)), False, 0)
+    start, begun = shared, sum(costs)
     damping, converged, steps = _Damping(), False, 0
     parts: list[Quadratic] = []
     while steps < limits.steps:
@@ -176,7 +185,7 @@ def minimise(
             damping.size *= 10.0
             steps += 1
             continue
-        little = max(limits.tolerance, limits.relative * (sum(costs) - 0.5 * samples))
+        little = limits.gain(sum(costs), samples)
         if converged := promised < little and damping.size < 1.0:
             break
         point = np.clip(shared + step, priors.low, priors.high)
@@ -196,7 +205,8 @@ def minimise(
                 break
     parts = parts or _quadratics(blocks, shared, own, each)
     hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.precision**2))
-    return Fit(shared, own, sum(costs) + priors.cost(shared), costs, parts, hessian, converged, steps)
+    cost, begun = sum(costs) + priors.cost(shared), begun + priors.cost(start)
+    return Fit(shared, own, cost, begun, costs, parts, hessian, converged, steps)
 
 
 @dataclass
@@ -212,7 +222,7 @@ class _Damping:
 
     def rise(self) -> None:
         """After a step that gained nothing."""
-        self.size, self.growth = self.size * self.growth, 2.0 * self.growth
+        self.size, self.growth = max(self.size * self.growth, DAMPED), 2.0 * self.growth
 
 
 def _quadratics(blocks: Sequence[Block], shared: Floats, own: Sequence[Floats], each: Callable) -> list[Quadratic]:

@@ -1,14 +1,21 @@
 """The solver on problems whose answers are known without it."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pytest
 from scipy.linalg import cho_solve
 
-from drillenv.diagnosis.fitting import reinitialise_outliers
+from drillenv.diagnosis.fitting import fit_to, reinitialise_outliers
+from drillenv.diagnosis.selection import SHORT
 from drillenv.diagnosis.solver import Fit, Limits, Priors, Quadratic, factor, minimise
+
+if TYPE_CHECKING:
+    from drillenv.diagnosis.structure import ModelStructure
 
 
 @dataclass
@@ -204,11 +211,34 @@ def test_a_reinitialisation_that_failed_is_not_repeated():
     own = [np.zeros(1) for _ in blocks]
     failed = [None] * 3
     for costs in ([1.0, 1.0, 3.9], [1.0, 1.05, 3.8], [1.0, 1.5, 4.1]):
-        fit = Fit(np.zeros(0), own, sum(costs), costs, [], np.zeros((0, 0)), True, 0)
+        fit = Fit(np.zeros(0), own, sum(costs), math.inf, costs, [], np.zeros((0, 0)), True, 0)
         found, failed = reinitialise_outliers(blocks, fit, failed, None)
         assert all(one is other for one, other in zip(found, own, strict=True)) and None not in failed
     assert [each.tries for each in blocks] == [[False], [False, False], [False]]
     costs = [1.0, 1.0, 4.1]
-    fit = Fit(np.zeros(0), own, sum(costs), costs, [], np.zeros((0, 0)), True, 0)
+    fit = Fit(np.zeros(0), own, sum(costs), math.inf, costs, [], np.zeros((0, 0)), True, 0)
     reinitialise_outliers(blocks, fit, failed, None)
     assert blocks[2].tries == [False, True]
+
+
+class Counted(Residuals):
+    """A block whose reinitialisations are counted."""
+
+    samples, weight, noise, tried = 10, 1.0, None, 0
+
+    def reinitialise_outliers(self, shared, own, outlying):
+        """In vain."""
+        self.tried += 1
+        return own
+
+
+@pytest.mark.parametrize(("start", "tries"), [(0.0, 0), (3.0, 1)])
+def test_states_are_not_reinitialised_where_a_fit_stayed_where_it_began(start, tries):
+    """What stands out there did so in the fit before."""
+    block = Counted(lambda p, x: np.append(1.0, p))
+    rig = SimpleNamespace(first_noise=lambda _: None, own_for=lambda own, *_: own, block=lambda *_: block)
+    only = SimpleNamespace(value=0.0, width=1.0, std=np.inf, low=-9.0, high=9.0)
+    structure = cast("ModelStructure", SimpleNamespace(rig=rig, unknowns=[only]))
+    found = fit_to([block], structure, np.array([start]), [np.zeros(0)], None, 1.0, SHORT)
+    assert abs(found.fit.shared[0]) < 0.2
+    assert block.tried == tries
