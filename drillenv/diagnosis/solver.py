@@ -20,8 +20,11 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Floats = NDArray[np.float64]
+FOLLOWED = 0.25
+"""Share of its promised gain from which a step was not too long for the derivatives. With less, its gain says nothing
+of how much is left."""
 DAMPED = 1e-3
-"""Least damping after a step that gained nothing: from less it would take several such steps, all alike, to rise."""
+"""Least damping after a step that was too long: from less it would take several such steps, all alike, to rise."""
 
 
 class Quadratic(NamedTuple):
@@ -192,17 +195,15 @@ def minimise(
         tried = _advanced(blocks, point, own, moves, costs, each)
         gain = sum(costs) + priors.cost(shared) - sum(cost for cost, _ in tried) - priors.cost(point)
         steps += 1
-        if np.isfinite(gain) and gain > 0.0:
+        followed = damping.adapt(gain / max(promised, 1e-12))
+        if gain > 0.0:
             shared, own, costs = point, [x for _, x in tried], [cost for cost, _ in tried]
-            damping.lower(gain / max(promised, 1e-12))
-            if converged := gain < little and damping.size < 1.0:
+            if converged := followed and gain < little and damping.size < 1.0:
                 # so near to where the derivatives were taken that those say how sure the parameters are
                 break
             parts = []
-        else:
-            damping.rise()
-            if damping.size > 1e8:
-                break
+        elif damping.size > 1e8:
+            break
     parts = parts or _quadratics(blocks, shared, own, each)
     hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.precision**2))
     cost, begun = sum(costs) + priors.cost(shared), begun + priors.cost(start)
@@ -216,13 +217,13 @@ class _Damping:
     size: float = 1e-3
     growth: float = 2.0
 
-    def lower(self, gained: float) -> None:
-        """After a step that gained this share of what it promised."""
-        self.size, self.growth = max(self.size * max(0.1, 1.0 - (2.0 * gained - 1.0) ** 3), 1e-9), 2.0
-
-    def rise(self) -> None:
-        """After a step that gained nothing."""
+    def adapt(self, gained: float) -> bool:
+        """After a step that gained this share of what it promised; whether the derivatives held for it."""
+        if gained > FOLLOWED:
+            self.size, self.growth = max(self.size * max(0.1, 1.0 - (2.0 * gained - 1.0) ** 3), 1e-9), 2.0
+            return True
         self.size, self.growth = max(self.size * self.growth, DAMPED), 2.0 * self.growth
+        return False
 
 
 def _quadratics(blocks: Sequence[Block], shared: Floats, own: Sequence[Floats], each: Callable) -> list[Quadratic]:
