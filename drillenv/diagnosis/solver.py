@@ -219,10 +219,13 @@ class _Damping:
 
     def adapt(self, gained: float) -> bool:
         """After a step that gained this share of what it promised; whether the derivatives held for it."""
-        if gained > FOLLOWED:
+        if gained > 0.0:
             self.size, self.growth = max(self.size * max(0.1, 1.0 - (2.0 * gained - 1.0) ** 3), 1e-9), 2.0
+        else:
+            self.size, self.growth = self.size * self.growth, 2.0 * self.growth
+        if gained > FOLLOWED:
             return True
-        self.size, self.growth = max(self.size * self.growth, DAMPED), 2.0 * self.growth
+        self.size = max(self.size, DAMPED)
         return False
 
 
