@@ -242,3 +242,11 @@ def test_states_are_not_reinitialised_where_a_fit_stayed_where_it_began(start, t
     found = fit_to([block], structure, np.array([start]), [np.zeros(0)], None, 1.0, SHORT)
     assert abs(found.fit.shared[0]) < 0.2
     assert block.tried == tries
+
+
+def test_a_step_that_fell_far_short_of_its_promise_is_no_convergence():
+    """In the curved valley of H. H. Rosenbrock, Computer Journal 3 (1960) 175-184; a fit that ends there is at 5.8."""
+    valley = Residuals(lambda p, x: np.array([10.0 * (p[1] - p[0] ** 2), 1.0 - p[0]]))
+    found = minimise([valley], np.array([-3.0, 9.0]), [np.zeros(0)], free(2), Limits(80, 0.5))
+    assert found.converged
+    assert found.cost < 1.0
