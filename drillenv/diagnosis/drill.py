@@ -475,7 +475,8 @@ class ShootingProblem:
         with_friction = model.bends(GUIDE) or model.bends(INDENTER)
         mistaken = close and with_friction and abs(own[self.windows * self.state_count(own)]) > IMPROBABLE
         if mistaken or outlying:
-            own = self.reinitialised(shared, own)
+            most = math.inf if mistaken else PROGRESS * self.found_cost(costs)
+            own = self.reinitialised(shared, own, most)
             cost, costs = self.costs(shared, own)
         typical = float(np.median(costs / np.diff(self.data.starts)))
         return own if typical > 1.5 and not outlying else self.with_windows_reinitialised(shared, own, cost, costs)[1]
@@ -487,9 +488,8 @@ class ShootingProblem:
 
         From a known cost, and that of each window.
         """
-        per_sample = costs / np.diff(self.data.starts)
         # where the motion is another one in most of them the better ones tell
-        stray = per_sample > max(2.0 * float(np.quantile(per_sample, FOUND_QUANTILE)), 1.5)
+        stray = costs / np.diff(self.data.starts) > max(2.0 * self.found_cost(costs), 1.5)
         if not stray.any():
             return cost, own
         kept = self.state_count(own)
@@ -515,11 +515,23 @@ class ShootingProblem:
         after = self.cost(shared, at)
         return (after, at) if after < cost else (cost, own)
 
-    def reinitialised(self, shared: Floats, own: Floats) -> Floats:
-        """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost."""
+    def found_cost(self, costs: Floats) -> float:
+        """Cost a sample of windows whose states have been found, from that of each window."""
+        return float(np.quantile(costs / np.diff(self.data.starts), FOUND_QUANTILE))
+
+    def reinitialised(self, shared: Floats, own: Floats, most: float = math.inf) -> Floats:
+        """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost.
+
+        As they are where from first guesses windows whose states have been found cost ``most`` a sample or more.
+        """
+        free = replace(self, weight=FREE)
         kept = self.state_count(own)
-        guess = resized(first_states(self.data), self.windows, kept, 4, len(self.lines))
-        begun = replace(self, weight=FREE).find_states(shared, guess)
+        begun = free.estimate_by_labels(
+            shared, resized(first_states(self.data), self.windows, kept, 4, len(self.lines))
+        )
+        if free.found_cost(free.costs(shared, begun)[1]) >= most:
+            return own
+        begun = free.reinitialise_until_found(shared, begun)
         begun = self.estimate_states(shared, self.rollout(shared, begun) if self.weight <= JOINED else begun)
         return begun if self.cost(shared, begun) < self.cost(shared, own) else own
 
@@ -528,9 +540,15 @@ class ShootingProblem:
 
         Windows in which the motion is still another one would have any pressure.
         """
-        labelled = replace(self, label_precision=LABELLED)
-        own = labelled.estimate_states(shared, guess)
-        before = math.inf
+        return self.reinitialise_until_found(shared, self.estimate_by_labels(shared, guess))
+
+    def estimate_by_labels(self, shared: Floats, guess: Floats) -> Floats:
+        """Own unknowns from a first guess, with what is doubtful about the labels as good as held."""
+        return replace(self, label_precision=LABELLED).estimate_states(shared, guess)
+
+    def reinitialise_until_found(self, shared: Floats, own: Floats) -> Floats:
+        """Own unknowns from such, windows reinitialised until none stands out."""
+        labelled, before = replace(self, label_precision=LABELLED), math.inf
         cost, costs = labelled.costs(shared, own)
         while cost < PROGRESS * before:
             before, (cost, own) = cost, labelled.with_windows_reinitialised(shared, own, cost, costs)

@@ -33,7 +33,7 @@ CANDIDATES = 3
 """Families that are fitted side by side at each step."""
 MOST = 4
 """Families, at most."""
-SHORT = Limits(12, 0.5, 0.02)
+SHORT = Limits(20, 0.5, 0.02)
 """Steps by which families are compared before those that come near are followed to their ends."""
 DETAILS = (2, 4)
 """Resolutions of a free law that are tried."""

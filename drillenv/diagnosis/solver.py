@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 FOLLOWED = 0.25
 """Share of its promised gain from which a step was not too long for the derivatives. With less, its gain says nothing
 of how much is left."""
+UNDAMPED = 0.1
+"""Damping below which a step is next to that of Gauss and Newton: that a shorter one gains little says nothing."""
 DAMPED = 1e-3
 """Least damping after a step that was too long: from less it would take several such steps, all alike, to rise."""
 
@@ -189,7 +191,7 @@ def minimise(
             steps += 1
             continue
         little = limits.gain(sum(costs), samples)
-        if converged := promised < little and damping.size < 1.0:
+        if converged := promised < little and damping.size < UNDAMPED:
             break
         point = np.clip(shared + step, priors.low, priors.high)
         tried = _advanced(blocks, point, own, moves, costs, each)
@@ -198,7 +200,7 @@ def minimise(
         followed = damping.adapt(gain / max(promised, 1e-12))
         if gain > 0.0:
             shared, own, costs = point, [x for _, x in tried], [cost for cost, _ in tried]
-            if converged := followed and gain < little and damping.size < 1.0:
+            if converged := followed and gain < little and damping.size < UNDAMPED:
                 # so near to where the derivatives were taken that those say how sure the parameters are
                 break
             parts = []
