@@ -115,6 +115,15 @@ def test_a_recording_is_begun_anew_where_others_are_followed_by_far_more_closely
     assert block.reinitialise_outliers(shared, elsewhere, False) is elsewhere
 
 
+def test_a_recording_that_a_far_model_cannot_follow_is_left_as_it_is(followed):
+    block, shared, best = followed
+    far = shared.copy()
+    far[[each.name for each in block.structure.unknowns].index("loading_stiffness")] *= 0.6
+    settled = block.estimate_states(far, best)
+    assert block.per_sample(far, settled) > 10.0
+    assert block.reinitialise_outliers(far, settled, True) is settled
+
+
 def test_a_recording_without_contact_is_refused():
     campaign = campaign_with(seconds=0.1)
     still = campaign.recordings[0]
