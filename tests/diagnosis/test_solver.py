@@ -15,7 +15,7 @@ from drillenv.diagnosis.selection import SHORT
 from drillenv.diagnosis.solver import Fit, Limits, Priors, Quadratic, factor, minimise
 
 if TYPE_CHECKING:
-    from drillenv.diagnosis.structure import ModelStructure
+    from drillenv.diagnosis.terms import ModelStructure
 
 
 @dataclass
