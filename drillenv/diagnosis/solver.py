@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Floats = NDArray[np.float64]
-FOLLOWED = 0.25
-"""Share of its promised gain from which a step was not too long for the derivatives. With less, its gain says nothing
-of how much is left."""
+GAIN_RATIO = 0.25
+"""Gain of a step over what the quadratic promised, from which it was not too long for the derivatives. With less, its
+gain says nothing of how much is left."""
 UNDAMPED = 0.1
 """Damping below which a step is next to that of Gauss and Newton: that a shorter one gains little says nothing."""
 DAMPED = 1e-3
@@ -197,10 +197,10 @@ def minimise(
         tried = _advanced(blocks, point, own, moves, costs, each)
         gain = sum(costs) + priors.cost(shared) - sum(cost for cost, _ in tried) - priors.cost(point)
         steps += 1
-        followed = damping.adapt(gain / max(promised, 1e-12))
+        held = damping.adapt(gain / max(promised, 1e-12))
         if gain > 0.0:
             shared, own, costs = point, [x for _, x in tried], [cost for cost, _ in tried]
-            if converged := followed and gain < little and damping.size < UNDAMPED:
+            if converged := held and gain < little and damping.size < UNDAMPED:
                 # so near to where the derivatives were taken that those say how sure the parameters are
                 break
             parts = []
@@ -219,13 +219,13 @@ class _Damping:
     size: float = 1e-3
     growth: float = 2.0
 
-    def adapt(self, gained: float) -> bool:
-        """After a step that gained this share of what it promised; whether the derivatives held for it."""
-        if gained > 0.0:
-            self.size, self.growth = max(self.size * max(0.1, 1.0 - (2.0 * gained - 1.0) ** 3), 1e-9), 2.0
+    def adapt(self, gain_ratio: float) -> bool:
+        """After a step with this gain ratio; whether the derivatives held for it."""
+        if gain_ratio > 0.0:
+            self.size, self.growth = max(self.size * max(0.1, 1.0 - (2.0 * gain_ratio - 1.0) ** 3), 1e-9), 2.0
         else:
             self.size, self.growth = self.size * self.growth, 2.0 * self.growth
-        if gained > FOLLOWED:
+        if gain_ratio > GAIN_RATIO:
             return True
         self.size = max(self.size, DAMPED)
         return False
