@@ -178,6 +178,6 @@ class Adapter(Protocol):
         """The library's mechanisms that a family may turn out to be."""
         ...
 
-    def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
-        """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""
+    def mechanisms_by_law(self, fitted: Fitted, family: Family, nearest: str) -> tuple[str, ...]:
+        """The mechanism of a law that no equation follows, the likeliest first; ``nearest`` explains most of it."""
         ...

@@ -36,7 +36,7 @@ from drillenv.diagnosis.laws import (
     FreeLaws,
     bsplines,
     coefficients,
-    kind_of_spring,
+    kinds_of_spring,
     normalised,
     odd_with_step,
 )
@@ -452,13 +452,16 @@ class BodyRig:
             return []
         return {"position": ["stiffness"], "velocity": ["damping"], "applied": ["mass"]}[self.argument(equation)]
 
-    def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
-        """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""
+    def mechanisms_by_law(self, fitted: Fitted, family: Family, nearest: str) -> tuple[str, ...]:
+        """The mechanism of a law that no equation follows, the likeliest first; ``nearest`` explains most of it."""
         term = family.terms[0]
-        if isinstance(term, Curve) and term.place == SPRING:
-            law, x = fitted.values_of(term.name) @ term.basis, self.axes.points(SPRING)
-            return mechanism_of_law(kind_of_spring(x, law)) if nearest in ("", family.mechanism) else nearest
-        return nearest or family.mechanism
+        if not (isinstance(term, Curve) and term.place == SPRING and nearest in ("", family.mechanism)):
+            return (nearest or family.mechanism,)
+        values, precision = fitted.values_of(term.name), fitted.precision_of(term.name)
+        known = zip(fitted.structure.unknowns, fitted.values, strict=True)
+        stiffness = next((float(value) for each, value in known if each.name == "stiffness"), 0.0)
+        kinds = kinds_of_spring(term, values, precision, self.axes.points(SPRING), stiffness)
+        return tuple(map(mechanism_of_law, kinds))
 
 
 def ones(body: Body) -> Floats:

@@ -18,12 +18,13 @@ from drillenv.diagnosis.laws import (
     CURVED,
     MOUNT_LAW,
     STRAIGHT,
+    Curve,
     Equivalent,
     Family,
     axes_of,
     families,
     kind_of_contact,
-    kind_of_spring,
+    kinds_of_spring,
     reparametrise_to_nominal,
 )
 from drillenv.diagnosis.noise import nuisance
@@ -113,21 +114,20 @@ class DrillRig:
         """The library's mechanisms that a family may turn out to be."""
         return mechanisms_of(family)
 
-    def mechanism_of(self, fitted: Fitted, family: Family, nearest: str) -> str:
-        """The mechanism of a law that no equation follows; the ``nearest`` is one that explains most of it."""
-        if isinstance(family.terms[0], Sensor) and family.group == ACCELEROMETER:
+    def mechanisms_by_law(self, fitted: Fitted, family: Family, nearest: str) -> tuple[str, ...]:
+        """The mechanism of a law that no equation follows, the likeliest first; ``nearest`` explains most of it."""
+        term = family.terms[0]
+        values, model = fitted.values_of(term.name), law_of(fitted, family.terms, fitted.blocks[0].point)
+        if isinstance(term, Sensor) and family.group == ACCELEROMETER:
             rate = min(block.data.rate for block in fitted.blocks)
-            return mechanism_of_law(kind_of_response(family.terms[0], fitted.values_of(family.terms[0].name), rate))
+            return (mechanism_of_law(kind_of_response(term, values, rate)),)
         if family.group == CURVED:
-            model = law_of(fitted, family.terms, fitted.blocks[0].point)
             stated = next(each.value for each in fitted.structure.unknowns if each.name == STRAIGHT[LOADING])
-            return mechanism_of_law(kind_of_contact(model.curve(LOADING) + math.log(model.s[V.KL] / stated)))
-        if nearest:
-            return nearest
-        if family.group != "spring":
-            return family.mechanism
-        law = law_of(fitted, family.terms, fitted.blocks[0].point).curve(SPRING)
-        return mechanism_of_law(kind_of_spring(fitted.structure.axes.points(SPRING), law))
+            return (mechanism_of_law(kind_of_contact(model.curve(LOADING) + math.log(model.s[V.KL] / stated))),)
+        if nearest or not (isinstance(term, Curve) and term.place == SPRING):
+            return (nearest or family.mechanism,)
+        x, precision = fitted.structure.axes.points(SPRING), fitted.precision_of(term.name)
+        return tuple(map(mechanism_of_law, kinds_of_spring(term, values, precision, x, float(model.s[V.K]))))
 
 
 DRILL = DrillRig()

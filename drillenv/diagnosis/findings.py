@@ -159,7 +159,7 @@ def equivalents(step: Step) -> list[str]:
     named = {equation.effect for equation, worse in nearest if worse < most}
     close = [family for family, other in step.rivals if other.cost - step.found < EQUAL and not family.constant]
     alike = named | {family.mechanism for family in close}
-    return sorted(alike - {step.named.mechanism})
+    return sorted((alike | {*step.named.alike}) - {step.named.mechanism})
 
 
 def visited(outcome: Outcome) -> Visited:
@@ -175,11 +175,10 @@ def visited(outcome: Outcome) -> Visited:
 
 
 def median_depth(outcome: Outcome) -> float:
-    """m, of the contact coordinate while loading."""
+    """m, of the contact coordinate while loading, in all recordings."""
     depths = []
-    for block, own in zip(outcome.final.blocks, outcome.final.fit.own, strict=True):
-        model = block.structure.model(outcome.final.values, block.point)
-        path = block.path(model, own)
+    for block, own, shared in outcome.every:
+        path = block.path(block.structure.model(shared * block.widths, block.point), own)
         loading = (path[V.W] > 0.0) & (path[V.V2] > 0.0)
         depths.append(path[V.W][loading])
     every = np.concatenate(depths)

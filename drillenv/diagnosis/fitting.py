@@ -23,6 +23,9 @@ FULL = Limits()
 CONVERGED = Limits(40, 0.5, 0.003)
 """Until a step gains next to nothing of what is left: far off, fits creep along curved valleys, and say little
 of a model where they are ended for their number of steps."""
+SHORT = Limits(20, 0.5, 0.02)
+"""By which families, and equations in the place of a law, are compared before those that come near are followed to
+their ends."""
 ROUNDS = 3
 """Times, at most, that what stands out is begun anew: beside what was found others may stand out."""
 OUTLYING = 4.0
@@ -104,6 +107,15 @@ class Fitted:
         """Parameters of a term."""
         split = self.structure.split(self.values)
         return next(own for term, own in zip(self.structure.terms, split, strict=True) if term.name == name)
+
+    def precision_of(self, name: str) -> Floats:
+        """(m, m) of the parameters of a term, in their units."""
+        inside = np.repeat(
+            [each.name == name for each in self.structure.terms], [len(each.unknowns) for each in self.structure.terms]
+        )
+        widths = np.array([each.width for each in self.structure.unknowns])[inside]
+        inverse = np.linalg.pinv(self.covariance[np.ix_(inside, inside)], hermitian=True)
+        return np.asarray(inverse / np.outer(widths, widths), dtype=float)
 
     def correlations(self, count: int) -> dict[str, Any]:
         """Correlation matrix of the first ``count`` parameters, with their names."""
@@ -187,6 +199,23 @@ def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, n
             break
         found = further
     return found
+
+
+def with_windows_freed(
+    data: Sequence[Any],
+    structure: ModelStructure,
+    start: Floats,
+    own: Sequence[Floats],
+    pool: Executor,
+    noise: Sequence[Any],
+    states_first: bool = False,
+) -> Fitted:
+    """A short fit by windows that are free for a while, then joined; arguments as of :func:`fit_to`.
+
+    A joined fit may creep along a curved valley where one of free windows goes straight.
+    """
+    free = fit_to(data, structure, start, own, pool, FREE, SHORT, noise, states_first)
+    return joined(data, free, pool, SHORT, noise)
 
 
 class Attempt(NamedTuple):

@@ -76,6 +76,8 @@ MOUNT_LAW = "mount law"
 """The family that corrects a mount, where there is one."""
 HARDENING, SATURATING = "hardening spring", "saturating spring"
 """What a spring's law may be."""
+YIELDING = 0.5
+"""Share of a spring's tangent stiffness that is left where it is deflected most, below which its force saturates."""
 CURVED, SOFT_LAYER = "contact law", "soft layer"
 """What a contact's law may be."""
 STRAIGHT_END = 0.05
@@ -530,11 +532,11 @@ def reparametrise_to_nominal(structure: ModelStructure, values: Floats, places: 
     """
     constants, axes, values = structure.terms[0], structure.axes, values.copy()
     names = [each.name for each in constants.unknowns]
-    scale, more = axes.scale.copy(), {}
+    scale, low, more = axes.scale.copy(), axes.low.copy(), {}
     for place in places:
         name = STRAIGHT.get(place, "")
-        # with a stiffness, where the spring is at rest changes, and with that the windows' states
-        if not name or place in SPRINGS or math.isinf(constants.unknowns[names.index(name)].std):
+        # play begins where the spring is at rest, which moves with its stiffness
+        if not name or place == SPRING_FROM_REST or math.isinf(constants.unknowns[names.index(name)].std):
             continue
         i = names.index(name)
         stated, x = constants.unknowns[i].value, axes.points(place)
@@ -548,8 +550,12 @@ def reparametrise_to_nominal(structure: ModelStructure, values: Floats, places: 
             scale[list(LOGARITHMS)] *= ratio
         if place == DRIVE:
             scale[place] /= ratio
+        if place == SPRING:
+            # of a law without a level the same force is at another deflection; the axis is next to even
+            low[place] += float(more[place].mean()) / stated / scale[place]
+            more[place] = more[place] - more[place].mean()
         values[i] = stated
-    return Equivalent(axes._replace(scale=scale), values, more)
+    return Equivalent(axes._replace(scale=scale, low=low), values, more)
 
 
 def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0) -> Floats:
@@ -566,17 +572,29 @@ def moved_to(term: Term, other: Term, values: Floats, more: Floats | float = 0.0
     return np.asarray(found[: len(other.basis)], dtype=float)
 
 
-def kind_of_spring(x: Floats, law: Floats) -> str:
-    """What a spring's law (n,) is: saturating where it is softer where it is deflected most, else hardening.
+def kinds_of_spring(curve: Curve, values: Floats, precision: Floats, x: Floats, stiffness: float) -> tuple[str, ...]:
+    """What a spring's law is, the likeliest kind first.
 
-    A loaded spring is deflected one way only: least at one end, and most at the other.
+    By the cubic that comes nearest to it where recordings say something of it. Where that takes most of the spring's
+    tangent stiffness away, the force saturates; where it takes less, it may do so further on.
+
+    Args:
+        curve: The law of the spring.
+        values: (m,) its coefficients.
+        precision: (m, m) of these.
+        x: (GRID,) m, the axis of the law.
+        stiffness: N/m, what the law is added to.
     """
-    size = np.abs(x)
-    third = (size.max() - size.min()) / 3.0
-    least, most = size <= size.min() + third, size >= size.max() - third
-    ends = [each for each in (most & (x < 0.0), most & (x > 0.0)) if np.count_nonzero(each) > 1]
-    slopes = [float(np.polyfit(x[each], law[each], 1)[0]) for each in (least, *ends)]
-    return SATURATING if np.mean(slopes[1:]) < slopes[0] else HARDENING
+    largest = float(np.max(np.abs(x)))
+    at = x / largest
+    # a level is no part of the law
+    columns = np.column_stack([curve.basis.T, np.ones(GRID)])
+    shapes = np.linalg.lstsq(columns, np.column_stack([at, at**3]), rcond=None)[0][: values.size]
+    straight, cubic = np.linalg.lstsq(shapes.T @ precision @ shapes, shapes.T @ precision @ values, rcond=None)[0]
+    if cubic >= 0.0:
+        return (HARDENING,)
+    tangent = stiffness + (straight + 3.0 * cubic * np.array([np.min(np.abs(at)), 1.0]) ** 2) / largest
+    return (SATURATING,) if tangent[1] < YIELDING * tangent[0] else (HARDENING, SATURATING)
 
 
 def kind_of_contact(stiffness: Floats) -> str:

@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import CONVERGED, Fitted, fit_to
+from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, with_windows_freed
 from drillenv.diagnosis.laws import Family, on_axes, wider
-from drillenv.diagnosis.solver import Floats, Limits
+from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR, NOISE_KNOWN
 
-FIRST = Limits(5, 0.5, 0.003)
-"""Steps of an equation's fit before it is seen whether it explains anything."""
 MOST = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
 TENSE = 2.0
@@ -38,6 +36,8 @@ class Named:
 
     nearest_fit: tuple[Term, Floats] | None = None
     """The nearest equation with its parameters."""
+    alike: tuple[str, ...] = ()
+    """Other mechanisms that a law which no equation follows may be as well."""
 
     @staticmethod
     def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
@@ -90,6 +90,22 @@ def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, poo
     return fitted
 
 
+def fit_equation(
+    data: Sequence[Any], fitted: Fitted, structure: ModelStructure, start: Floats, gain: float, pool: Executor
+) -> Fitted:
+    """The fit of a structure that has an equation in the place of a law; to its end where it explains anything."""
+    own, noise = fitted.fit.own, fitted.noise
+    found = fit_to(data, structure, start, own, pool, fitted.weight, SHORT, noise, states_first=True)
+    if found.cost - fitted.cost > gain and fitted.weight == JOINED:
+        # no law at all does better, so this is no minimum
+        again = with_windows_freed(data, structure, start, own, pool, noise, states_first=True)
+        if again.weight == JOINED and again.cost < found.cost:
+            found = again
+    if found.cost - fitted.cost > gain:
+        return found
+    return fit_to(data, structure, found.fit.shared, found.fit.own, pool, fitted.weight, CONVERGED, noise)
+
+
 def name_law(
     data: Sequence[Any], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
 ) -> tuple[Named, Fitted]:
@@ -110,11 +126,7 @@ def name_law(
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, kept[constants.size :], values])
-            other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, FIRST, fitted.noise, True)
-            if not other.fit.converged and other.cost - fitted.cost < gain:
-                other = fit_to(
-                    data, structure, other.fit.shared, other.fit.own, pool, fitted.weight, CONVERGED, fitted.noise
-                )
+            other = fit_equation(data, fitted, structure, start, gain, pool)
             fewer = family.size - len(equation.unknowns)
             as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
             if not as_well and other.cost - fitted.cost < MOST * gain:
@@ -140,7 +152,7 @@ def name_law(
     best, found = tried[0]
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
     explains = found.cost - fitted.cost < MOST * gain
-    mechanism = fitted.structure.rig.mechanism_of(fitted, family, best.effect if explains else "")
+    mechanism, *alike = fitted.structure.rig.mechanisms_by_law(fitted, family, best.effect if explains else "")
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns), fitted.samples):
         return Named(family, best.effect, best, nearest, (best, found.values_of(best.name))), found
-    return Named(family, mechanism, None, nearest, (best, found.values_of(best.name))), fitted
+    return Named(family, mechanism, None, nearest, (best, found.values_of(best.name)), tuple(alike)), fitted

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from typing import Any, NamedTuple
 
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.selection import ScoreTests, Step
@@ -74,6 +75,14 @@ class Progress:
             OutOfTime: the search has taken what it may, and something is known.
         """
         self._say(text)
+        self.check_time()
+
+    def check_time(self) -> None:
+        """See that the search may go on.
+
+        Raises:
+            OutOfTime: it has taken what it may, and something is known.
+        """
         if self._searching and self.known is not None and self._processor() > self._last:
             raise OutOfTime
 
@@ -91,6 +100,23 @@ class Progress:
     def keep(self, plain: Fitted, final: Fitted, steps: list[Step], tested: ScoreTests) -> None:
         """What has been found so far."""
         self.known = Known(plain, final, steps, tested)
+
+
+class Timed(Executor):
+    """An executor that is given no more work once a search has taken what it may: fits end between two evaluations."""
+
+    def __init__(self, pool: Executor, progress: Progress) -> None:
+        self._pool, self._progress = pool, progress
+
+    def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:
+        """See Executor."""
+        self._progress.check_time()
+        return self._pool.submit(fn, *args, **kwargs)
+
+    def map(self, fn: Callable, *iterables: Any, **options: Any) -> Iterator:
+        """See Executor."""
+        self._progress.check_time()
+        return self._pool.map(fn, *iterables, **options)
 
 
 def span(least: float, most: float) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from drillenv.diagnosis.adapter import RecordingProblem
-from drillenv.diagnosis.fitting import CONVERGED, FREE, JOINED, Fitted, fit_to, joined
+from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, joined, with_windows_freed
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
 from drillenv.diagnosis.naming import Named, name_law, with_more, without
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
@@ -33,8 +33,6 @@ CANDIDATES = 3
 """Families that are fitted side by side at each step."""
 MOST = 4
 """Families, at most."""
-SHORT = Limits(20, 0.5, 0.02)
-"""Steps by which families are compared before those that come near are followed to their ends."""
 DETAILS = (2, 4)
 """Resolutions of a free law that are tried."""
 PROMISED = 0.5
@@ -331,16 +329,6 @@ def with_family(fitted: Fitted, family: Family, data: Sequence[Any], pool: Execu
     return fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
-def with_windows_freed(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor) -> Fitted:
-    """The fit with one more family by windows that are free for a while, then joined.
-
-    A joined fit may creep along a curved valley where one of free windows goes straight.
-    """
-    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
-    free = fit_to(data, structure, start, fitted.fit.own, pool, FREE, SHORT, fitted.noise)
-    return joined(data, free, pool, SHORT, fitted.noise)
-
-
 def candidates(fitted: Fitted) -> list[Family]:
     """Every family that a fit may be given, and constants that need not be as stated."""
     stated = [each.name for each in fitted.structure.terms[0].unknowns if math.isfinite(each.std)]
@@ -370,6 +358,7 @@ def forward(
     """
     steps = list(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
+    dismissed = set() if earlier is None else {each.family.group for each in earlier.scores}
     while True:
         # a model that has come close is to hold from window to window
         fitted = joined(data, fitted, pool, CONVERGED, fitted.noise)
@@ -382,7 +371,7 @@ def forward(
         level = level if earlier is None else min(level, earlier.level)
         # a step may be changed further on, and a search may be interrupted there
         keep(fitted, [replace(each) for each in steps], ScoreTests(scores, level))
-        needed = [least_gain(each, fitted, steps, scores) for each in scores]
+        needed = [least_gain(each, fitted, steps, scores, dismissed) for each in scores]
         best = ", ".join(
             f"{each.family.name} {each.gain:.1f} ({each.cross_validated:.1f}) of {least:.1f}"
             for each, least in zip(scores[:5], needed, strict=False)
@@ -403,7 +392,8 @@ def forward(
             continue
         if step is None:
             tested = ScoreTests(scores, level)
-            return (*backward(data, fitted, steps, tested, pool, say, found_here=earlier is None), tested)
+            least = misfit_allowance(fitted, steps, scores, dismissed)
+            return (*backward(data, fitted, steps, least, level, pool, say, found_here=earlier is None), tested)
         corrected = next((each for each in steps if each.family.group == step.family.group), None)
         if corrected is None:
             steps.append(step)
@@ -517,16 +507,23 @@ def penalty(freedom: int, fitted: Fitted) -> float:
     return 0.5 * freedom * float(np.log(fitted.samples))
 
 
-def least_gain(score: Score, fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
+def least_gain(
+    score: Score,
+    fitted: Fitted,
+    steps: Sequence[Step],
+    scores: Sequence[Score],
+    dismissed: Collection[str] = (),
+) -> float:
     """Log-likelihood that a family has to gain beside chance: where a law that was found is not exact, that is not all.
 
-    What corrects an equation has to gain more than the equation may leave in a model that comes close.
+    What corrects an equation has to gain more than the equation may leave in a model that comes close. ``dismissed`` as
+    of :func:`misfit_allowance`.
     """
     least = penalty(score.freedom, fitted) if steps else 0.0
     others = [step for step in steps if step.family.group != score.family.group]
     own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
     left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
-    return max(least, misfit_allowance(fitted, others, scores), left, resolved_gain(score.family, fitted))
+    return max(least, misfit_allowance(fitted, others, scores, dismissed), left, resolved_gain(score.family, fitted))
 
 
 def resolved_gain(family: Family, fitted: Fitted) -> float:
@@ -534,12 +531,15 @@ def resolved_gain(family: Family, fitted: Fitted) -> float:
     return 0.0 if family.constant else fitted.resolved
 
 
-def misfit_allowance(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score]) -> float:
+def misfit_allowance(
+    fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score], dismissed: Collection[str] = ()
+) -> float:
     """Log-likelihood that errors of laws found so far may leave, a share of their gain.
 
     What an equation leaves is what a free correction of the same mechanism gains: another that gains less takes up a
-    part of it. A free law says nothing of what it leaves, which is at most half of what is left: what explains more
-    than that is no error of another law.
+    part of it. Where the corrections of its group were ``dismissed``, tested on a part of the samples and no more than
+    chance, it leaves nothing. A free law says nothing of what it leaves, which is at most half of what is left: what
+    explains more than that is no error of another law.
     """
     left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
 
@@ -550,7 +550,7 @@ def misfit_allowance(fitted: Fitted, steps: Sequence[Step], scores: Sequence[Sco
         if step.named.equation is None:
             return min(most, 0.5 * left)
         own = [each.gain for each in scores if each.family.group == step.family.group]
-        return min(most, max(own, default=0.5 * left))
+        return min(most, max(own, default=0.0 if step.family.group in dismissed else 0.5 * left))
 
     return max(map(error, steps), default=0.0)
 
@@ -598,14 +598,29 @@ def best_step(
         # in a model that is nearly right, one that promises as much is its equal
         resonant = [each for each in resonant if each.gain >= NEAR * chosen[0].gain]
     if resonant:
-        fits += refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
+        found = refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
+        fits += [(each, other) for each, other in found if strength_shows(each.family, other)]
         fits.sort(key=lambda pair: penalised(*pair, fitted))
+    if not fits:
+        return None
     best, found = fits[0]
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
     step = accept(data, fitted, best.family, found, best.size, pool, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
+
+
+def strength_shows(family: Family, fitted: Fitted) -> bool:
+    """Whether the strength of a family with states of its own, its first parameter, is told from none in a fit.
+
+    Its states, which begin anywhere near rest, gain something even where it has no strength (a Wald test).
+    """
+    terms, first = fitted.structure.terms, family.terms[0]
+    i = sum(len(each.unknowns) for each in terms[: [each.name for each in terms].index(first.name)])
+    strength = first.unknowns[0]
+    off = fitted.fit.shared[i] - strength.value / strength.width
+    return float(off**2) > float(chi2.isf(FALSE_ALARMS, 1)) * float(fitted.covariance[i, i])
 
 
 def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
@@ -636,7 +651,8 @@ def refine_candidates(
     first, found = fits[0]
     short = fitted.cost - found.cost < PROMISED * first.gain
     if fitted.weight == JOINED and not first.family.has_states and short:
-        again = with_windows_freed(fitted, first.family, data, pool)
+        structure, start = with_more(fitted.structure, fitted.fit.shared, first.family)
+        again = with_windows_freed(data, structure, start, fitted.fit.own, pool, fitted.noise)
         if again.weight == JOINED and again.cost < found.cost:
             say(f"  {first.family.name}, windows free at first: gain {fitted.cost - again.cost:.1f}")
             fits[0] = first, again
@@ -730,17 +746,17 @@ def backward(
     data: Sequence[Any],
     fitted: Fitted,
     steps: list[Step],
-    tested: ScoreTests,
+    least: float,
+    level: float,
     pool: Executor,
     say: Say,
     found_here: bool,
 ) -> tuple[Fitted, list[Step]]:
-    """Leave out families that, with all others there, gain no more than chance or than the others' laws are off.
+    """Leave out families that, with all others there, gain no more than chance at a ``level``, or than ``least``.
 
     The last one is left out as well where it was not ``found_here`` but on a part of these samples.
     """
     kept = list(steps)
-    least, level = misfit_allowance(fitted, steps, tested.scores), tested.level
     for step in sorted(steps, key=lambda each: each.gain):
         if found_here and len(kept) < 2:
             break

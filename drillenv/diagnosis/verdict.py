@@ -24,7 +24,16 @@ from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.fitting import CONVERGED, FREE, GRADUAL, JOINED, OUTLYING, Fitted, fit_to, joined, priors_of
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
-from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, SEARCHING_AGAIN, OutOfTime, Progress
+from drillenv.diagnosis.progress import (
+    EXTENDING,
+    FITTING,
+    PROVING,
+    SEARCHING,
+    SEARCHING_AGAIN,
+    OutOfTime,
+    Progress,
+    Timed,
+)
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import ScoreTests, Step, forward
 from drillenv.diagnosis.sensing import Added
@@ -35,7 +44,7 @@ from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL, STANDS_OUT
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
-from drillenv.rig import Rig
+from drillenv.rig import Rig, Setting
 
 STRETCH = 16
 """Windows of each recording by which families are told from each other, before all of it is fitted: about as many
@@ -174,7 +183,7 @@ def search(
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
         progress = Progress(say, within)
         try:
-            begun, plain, final, steps, tested = selected(campaign, fit_data, pool, progress, scope)
+            begun, plain, final, steps, tested = selected(campaign, fit_data, Timed(pool, progress), progress, scope)
             plain = (plain or reestimate_states(fit_data, begun, final, pool)) if steps else final
         except KeyboardInterrupt as interrupted:
             if progress.known is None or not (interruptible or isinstance(interrupted, OutOfTime)):
@@ -301,25 +310,34 @@ def nominal_rig(campaign: Campaign) -> Rig:
     return Rig(*(float(campaign.nominal[name].value or 0.0) for name in NAMES[:6]))
 
 
-class Startable(Protocol):
-    """A recording of which it is known how it starts."""
+class Described(Protocol):
+    """A recording of which it is known how it was made."""
 
     @property
     def fresh(self) -> bool:
         """Whether from rest."""
         ...
 
+    @property
+    def setting(self) -> Setting:
+        """Frequency, amplitude and pressure."""
+        ...
 
-def held_out(data: Sequence[Startable]) -> set[int]:
+
+def held_out(data: Sequence[Described]) -> set[int]:
     """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign.
 
-    None where there are few: each is then held against a fit to the others.
+    Not those at its lowest and highest frequency, where others can be had: no law over the frequency holds beyond what
+    it was fitted to. None where there are few recordings: each is then held against a fit to the others.
     """
     running = [i for i, each in enumerate(data) if not each.fresh]
     count = len(data) // 4 if len(data) > FEW else 0
     if count == 0 or len(running) < count + 2:
         return set()
-    return {running[round((j + 0.5) * len(running) / count - 0.5)] for j in range(count)}
+    frequencies = [each.setting.frequency for each in data]
+    inside = [i for i in running if min(frequencies) < frequencies[i] < max(frequencies)]
+    choice = inside if len(inside) >= count else running
+    return {choice[round((j + 0.5) * len(choice) / count - 0.5)] for j in range(count)}
 
 
 def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -> Fitted:

@@ -196,16 +196,15 @@ def in_order(survey: Survey, judge: Judge, chosen: Sequence[int]) -> list[int]:
         rest.remove(ranked[-1])
     places = sorted(places_held_out(survey, ranked))
     running = [i for i in ranked if not survey.candidates[i].fresh]
-    spare = max(
-        combinations(running, len(places)),
-        key=lambda held: judge.value([i for i in ranked if i not in held]),
-        default=(),
-    )
-    order = [i for i in ranked if i not in spare]
-    for place, i in zip(places, spare, strict=True):
-        order.insert(place, i)
-    # a recording from rest that has moved changes which are held out
-    return order if places_held_out(survey, order) == set(places) else ranked
+    held = combinations(running, len(places))
+    for spare in sorted(held, key=lambda held: -judge.value([i for i in ranked if i not in held])):
+        order = [i for i in ranked if i not in spare]
+        for place, i in zip(places, spare, strict=True):
+            order.insert(place, i)
+        # those at the ends of the range of frequencies are not held out, and one from rest that moves changes others
+        if {order[place] for place in places_held_out(survey, order)} == set(spare):
+            return order
+    return ranked
 
 
 def places_held_out(survey: Survey, order: Sequence[int]) -> set[int]:

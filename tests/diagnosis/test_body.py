@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
 from drillenv.checks import InputError
@@ -17,8 +18,9 @@ from drillenv.diagnosis.body import ForceBalance, autoregression, columns_of, eq
 from drillenv.diagnosis.body_channels import prepare
 from drillenv.diagnosis.body_diagnosis import begin, diagnose_body, stretches_of
 from drillenv.diagnosis.body_rig import BodyRig, Scale, law_of_body
-from drillenv.diagnosis.laws import HARDENING, SATURATING, Curve, kind_of_spring
-from drillenv.dynamics.constitutive.places import DRIVE
+from drillenv.diagnosis.laws import HARDENING, SATURATING, Curve, kinds_of_spring
+from drillenv.diagnosis.tables import GRID
+from drillenv.dynamics.constitutive.places import DRIVE, SPRING
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.recordings import Campaign, Channel, Nominal, QualityFinding, Recording, check_quality, read_campaign
 
@@ -548,22 +550,39 @@ def test_parameters_are_as_large_as_their_unit_says(unit, size):
     assert Scale(3.0, 2.0, 5.0).of(unit) == pytest.approx(size)
 
 
+def kinds_by(law, x, seen):
+    """Of a spring of 1 N/m and a law beside it, of which recordings say something where x is ``seen``."""
+    basis = BSpline.design_matrix(x, np.r_[[x[0]] * 3, np.linspace(x[0], x[-1], 12), [x[-1]] * 3], 3).toarray().T
+    # no recording shows the level
+    basis = (basis - basis.mean(axis=1)[:, None])[:-1]
+    values = np.linalg.lstsq(basis.T, law(x) - law(x).mean(), rcond=None)[0]
+    there = basis - (basis @ seen(x) / seen(x).sum())[:, None]
+    precision = (there * seen(x)) @ there.T + 1e-9 * np.eye(len(basis))
+    curve = Curve("spring", (), SPRING, basis)
+    return kinds_of_spring(curve, values, precision, x, 1.0)
+
+
 @pytest.mark.parametrize(
-    ("law", "kind"),
-    [(np.tanh, SATURATING), (lambda x: x**3, HARDENING), (lambda x: -(x**3), SATURATING),
-     (lambda x: np.maximum(x - 0.3, 0.0), HARDENING)],
+    ("law", "kinds"),
+    [(lambda x: np.tanh(2.0 * x) / 2.0 - x, (SATURATING,)), (lambda x: x**3, (HARDENING,)),
+     (lambda x: -0.1 * x**3, (HARDENING, SATURATING)), (lambda x: np.maximum(x - 0.3, 0.0), (HARDENING,)),
+     (lambda x: -0.3 * x**3 + 0.2 * x, (SATURATING,))],
 )  # fmt: skip
-def test_the_kind_of_a_spring_is_how_it_bends(law, kind):
-    x = np.linspace(-1.0, 1.0, 200)
-    assert kind_of_spring(x, law(2.0 * x) + 0.7 * x) == kind
+def test_the_kind_of_a_spring_is_how_it_bends(law, kinds):
+    assert kinds_by(law, np.linspace(-1.0, 1.0, GRID), np.ones_like) == kinds
 
 
-@pytest.mark.parametrize(("law", "kind"), [(np.minimum, SATURATING), (np.maximum, HARDENING)])
-def test_a_spring_that_is_deflected_one_way_bends_by_its_load(law, kind):
+@pytest.mark.parametrize(("law", "kinds"), [(np.minimum, (SATURATING,)), (np.maximum, (HARDENING,))])
+def test_a_spring_that_is_deflected_one_way_bends_by_its_load(law, kinds):
     """Of which the softer or the stiffer half may end in the middle."""
-    x = np.linspace(0.8, 2.0, 200)
-    for knee in (1.1, 1.4, 1.8):
-        assert kind_of_spring(x, law(x, knee) - 0.4 * x) == kind
+    for knee in (1.1, 1.4, 1.7):
+        assert kinds_by(lambda x, at=knee: law(x, at) - x, np.linspace(0.8, 2.0, GRID), np.ones_like) == kinds
+
+
+def test_a_spring_is_as_it_is_where_recordings_have_been():
+    """Where none has, its law may go anywhere."""
+    x = np.linspace(0.8, 2.0, GRID)
+    assert kinds_by(lambda x: x**3 - 40.0 * np.maximum(1.0 - x, 0.0) ** 2, x, lambda x: 1.0 * (x > 1.0)) == (HARDENING,)
 
 
 def test_the_same_campaign_gets_the_same_answer_in_the_report_format():

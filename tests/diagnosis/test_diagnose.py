@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from drillenv.diagnosis.fitting import FREE
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure
+from drillenv.diagnosis.verdict import held_out
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording
@@ -164,6 +166,27 @@ def test_a_rate_dependent_rock_is_named(tmp_path):
     assert held["after"] < 1.15 < held["before"]
     report.write(tmp_path)
     assert [each.effect.name for each in read_model(tmp_path / "model.json").effects] == ["contact-rate"]
+
+
+def made_at(frequencies, fresh=()):
+    """Recordings at frequencies in Hz, those numbered ``fresh`` from rest."""
+    return [
+        SimpleNamespace(fresh=i in fresh, setting=Setting(float(each), 0.45, 1.0)) for i, each in enumerate(frequencies)
+    ]
+
+
+def test_recordings_held_out_lie_within_the_frequencies_of_the_others():
+    for seed in range(20):
+        frequencies = np.random.default_rng(seed).permutation([60, 68, 76, 81, 88, 97, 111, 117])
+        held = held_out(made_at(frequencies, fresh=(1, 4)))
+        assert len(held) == 2
+        assert not held & {1, 4}
+        assert all(60 < frequencies[i] < 117 for i in held)
+
+
+def test_recordings_at_two_frequencies_are_held_out_all_the_same():
+    assert len(held_out(made_at([60, 60, 60, 60, 120, 120, 120, 120]))) == 2
+    assert held_out(made_at([60, 80, 100, 120])) == set()
 
 
 @pytest.mark.slow

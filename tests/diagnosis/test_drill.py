@@ -57,7 +57,7 @@ def test_a_law_on_wider_axes_moves_the_same(plain, group):
 
 @pytest.mark.parametrize(
     ("group", "wrong"),
-    [("damper", (3,)), ("drive", (4,)), ("contact law", (6,)), ("contact law", (6, 7))],
+    [("spring", (2,)), ("damper", (3,)), ("drive", (4,)), ("contact law", (6,)), ("contact law", (6, 7))],
 )
 def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     """Constants that are a few hundredths off, and what they are off in the law instead."""

@@ -1,6 +1,7 @@
 """Searches that are restricted or interrupted say so, and claim nothing of what they did not look for."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from typing import cast
 
 import jsonschema
@@ -13,7 +14,7 @@ from drillenv.diagnosis import verdict
 from drillenv.diagnosis.drill_identification import mechanisms_of
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
-from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, Known, OutOfTime, Progress
+from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, Known, OutOfTime, Progress, Timed
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
 from drillenv.diagnosis.sensing import ACCELEROMETER, sensor_families
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -102,6 +103,22 @@ def test_a_search_ends_in_time_once_something_is_known():
     progress.stage(PROVING)
     progress.say("what was found is held against recordings held out")
     assert len(said) == 5
+
+
+def test_a_fit_ends_between_two_evaluations_once_time_is_up():
+    now = [0.0]
+    progress = Progress(lambda text: None, 5.0, processor=lambda: now[0])
+    with ThreadPoolExecutor(1) as pool:
+        timed = Timed(pool, progress)
+        progress.stage(SEARCHING)
+        progress.known = cast("Known", object())
+        assert list(timed.map(abs, [-1, 2])) == [1, 2]
+        now[0] = 6.0
+        for ask in (lambda: timed.map(abs, [-1]), lambda: timed.submit(abs, -1)):
+            with pytest.raises(OutOfTime):
+                ask()
+        progress.stage(PROVING)
+        assert timed.submit(abs, -1).result() == 1
 
 
 @pytest.mark.slow

@@ -3,9 +3,10 @@
 from types import SimpleNamespace as Fake
 from typing import Any
 
+import numpy as np
 import pytest
 
-from drillenv.diagnosis.selection import least_gain, penalty
+from drillenv.diagnosis.selection import least_gain, penalty, strength_shows
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
 SAMPLES = 20_000
@@ -55,6 +56,28 @@ def test_what_an_equation_leaves_is_what_its_own_correction_gains():
     there = [step("mount", 1e6, "one mass")]
     scores = [score("mount", 400.0), score("damper", 300.0)]
     assert least_gain(scores[1], fit(1.5), there, scores) == pytest.approx(400.0)
+
+
+def test_an_equation_whose_correction_was_dismissed_leaves_nothing():
+    there, other = [step("hum", 1e4, "library")], score("air", 60.0)
+    assert least_gain(other, fit(1.5), there, [other]) == pytest.approx(LAW_LEFT**2 * 1e4)
+    assert least_gain(other, fit(1.5), there, [other], {"hum"}) == pytest.approx(penalty(other.freedom, fit(1.5)))
+    free = [step("hum", 1e4, None)]
+    assert least_gain(other, fit(1.5), free, [other], {"hum"}) == pytest.approx(LAW_LEFT**2 * 1e4)
+
+
+@pytest.mark.parametrize(("strength", "shows"), [(2.5, True), (0.5, False), (-2.5, True)])
+def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
+    """Air without stiffness fits whatever fades away; its strength is the first parameter of its own term."""
+    unknown = Fake(value=0.0, width=1e4)
+    others, air = Fake(name="constants", unknowns=[unknown] * 2), Fake(name="air", unknowns=[unknown, unknown])
+    fitted: Any = Fake(
+        structure=Fake(terms=[others, air]),
+        fit=Fake(shared=np.array([9.0, 9.0, strength, 9.0])),
+        covariance=np.diag([1e-6, 1e-6, 0.5**2, 1e-6]),
+    )
+    family: Any = Fake(terms=[air])
+    assert strength_shows(family, fitted) == shows
 
 
 def test_what_a_free_law_leaves_is_at_most_half_of_what_is_left():

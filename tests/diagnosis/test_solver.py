@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cho_solve
 
-from drillenv.diagnosis.fitting import fit_to, reinitialise_outliers
-from drillenv.diagnosis.selection import SHORT
+from drillenv.diagnosis.fitting import SHORT, fit_to, reinitialise_outliers
 from drillenv.diagnosis.solver import Fit, Limits, Priors, Quadratic, factor, minimise
 
 if TYPE_CHECKING:

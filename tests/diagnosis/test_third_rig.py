@@ -110,8 +110,8 @@ class VanDerPol:
     def taken_up(self, equation):
         return []
 
-    def mechanism_of(self, fitted, family, nearest):
-        return family.mechanism
+    def mechanisms_by_law(self, fitted, family, nearest):
+        return (family.mechanism,)
 
 
 def runs(missing, seed):

@@ -14,7 +14,7 @@ def _law(shortening, p, stiffness):
 
 EFFECT = Effect(
     name="stiffness-hardening",
-    sentence="The spring between shaker and indenter stiffens as it is deflected.",
+    sentence="The stiffness of the spring between shaker and indenter changes with its deflection.",
     equation="coupling force + k3 (X1 - X2)^3; on a body law + k3 position^3",
     source=(
         "G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz und ihre technische Bedeutung, "
