@@ -264,7 +264,8 @@ def _train_options(parser: Parser) -> None:
     said = "; ".join(f"{name}: {meaning}" for name, meaning in ALGORITHMS.items())
     parser.epilog = (
         f"Algorithms: {said}. Defaults are those of ppo-vine; those of the others are given where they differ. "
-        "DrillBit is learned by ppo, with the numbers given for it."
+        "DrillBit is learned by ppo, with the numbers given for it; on rigs as they are by sac, td3 and ppo "
+        "--no-prepared, with their own."
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the run")
     note = "go on with the run in --out; other options may be left out"
@@ -342,12 +343,12 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         chosen = there.as_record() | chosen
         timesteps = steps if timesteps is None else timesteps
     recipe = read_recipe(chosen)
-    useless = NO_USE_IN_HOLES if recipe.hole else NO_USE[recipe.algo]
-    if recipe.prepared and recipe.algo in WITH_CRITIC and not recipe.hole:
+    useless = NO_USE_IN_HOLES if recipe.believing else NO_USE[recipe.algo]
+    if recipe.prepared and recipe.algo in WITH_CRITIC and not recipe.believing:
         useless = () if recipe.constrained else BUDGET
     for name in useless:
         if name in own and (name, chosen[name]) != ("ahead", 0):
-            partner = recipe.env if recipe.hole else recipe.algo
+            partner = recipe.env if recipe.believing else recipe.algo
             raise InputError(f"--{name.replace('_', '-')} has no use with {partner}: leave it out")
     return {
         "recipe": recipe,

@@ -65,21 +65,55 @@ def _above(found: Evaluation, recipe: Recipe) -> float:
 
 def evaluation_of_policy(policy: Policy | HolePolicy, recipe: Recipe, threads: int | None) -> Evaluation:
     """What an exported policy is worth on prepared rigs."""
-    environment = recipe.env.removeprefix("drillenv/").removesuffix("-v0")
+    if isinstance(policy, HolePolicy):
+        return evaluation_on_holes(HoleLearned(policy), recipe, threads)
     arguments: dict[str, Any] = dict(recipe.env_kwargs)
     steps = arguments.pop("max_episode_steps", None)
     scenario = scenario_of(recipe)
     first = 0 if scenario else FIRST_SEED
-    if isinstance(policy, HolePolicy):
-        arguments = {**HOLES[environment], **arguments}
-        costs = costs_per_metre(HoleLearned(policy), scenario, recipe.episodes, threads, arguments, steps, first)
-        return Evaluation(float(costs.mean()), None)
-    made = rollout(lambda: Learned(policy), environment, scenario, recipe.episodes, steps, threads, arguments, first)
+    environment, episodes = environment_of(recipe), recipe.episodes
+    made = rollout(lambda: Learned(policy), environment, scenario, episodes, steps, threads, arguments, first)
     return Evaluation(float(made.scores.mean()), float(made.truths[..., T_EXCESS].mean()))
+
+
+def environment_of(recipe: Recipe) -> str:
+    """The name of the environment, such as DrillLayers."""
+    return recipe.env.removeprefix("drillenv/").removesuffix("-v0")
+
+
+def evaluation_on_holes(controller: HoleLearned | Played, recipe: Recipe, threads: int | None) -> Evaluation:
+    """What a metre of hole costs with a controller that drills many at once."""
+    arguments: dict[str, Any] = {**HOLES[environment_of(recipe)], **recipe.env_kwargs}
+    steps = arguments.pop("max_episode_steps", None)
+    scenario = scenario_of(recipe)
+    first = 0 if scenario else FIRST_SEED
+    costs = costs_per_metre(controller, scenario, recipe.episodes, threads, arguments, steps, first)
+    return Evaluation(float(costs.mean()), None)
+
+
+class Played:
+    """A model of Stable-Baselines3 as a controller of many rigs, with its last ``stack`` observations side by side."""
+
+    def __init__(self, model: Any, stack: int):
+        self._model, self._stack = model, stack
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the episodes so far."""
+        self._seen: np.ndarray | None = None
+
+    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+        """(n, actions) without chance, for observations (n, ...)."""
+        if self._seen is None:
+            self._seen = np.zeros((self._stack, *observation.shape), dtype=np.float32)
+        self._seen = np.concatenate([self._seen[1:], observation[None]])
+        return self._model.predict(np.concatenate(list(self._seen), axis=-1), deterministic=True)[0]
 
 
 def evaluation_of_model(model: Any, recipe: Recipe, threads: int | None) -> Evaluation:
     """What a model of Stable-Baselines3 is worth on rigs as they are."""
+    if recipe.hole:
+        return evaluation_on_holes(Played(model, recipe.stack), recipe, threads)
     scenario = scenario_of(recipe)
     fixed: Mapping[str, Any] = {} if scenario is None else {"scenario": scenario}
     rigs = rigs_of(recipe, recipe.episodes, threads, info_keys=["cost"], **fixed)

@@ -36,7 +36,7 @@ def controller_weights(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> 
     if given.get("actions", "absolute") != "absolute" or given.get("observations", "readings") != "readings":
         return {}
     weights = weights_of(parameters, recipe)
-    if recipe.hole:
+    if recipe.believing:
         return weights
     sizes = weights["action.bias"].size, weights.get("lstm.weight_input", weights["layer0.weight"]).shape[1]
     return weights if sizes == (len(ACTIONS), recipe.stack * len(NAMES)) else {}
@@ -74,7 +74,7 @@ def policy_of(
             provenance[name] = json.dumps(getattr(recipe, name))
     if score is not None:
         provenance |= {"score": score, "score_unit": recipe.unit, "scenario": scenario, "episodes": recipe.episodes}
-    if recipe.hole:
+    if recipe.believing:
         return HolePolicy(weights, {**provenance, "gamma": recipe.gamma})
     return Policy(
         weights=weights,

@@ -18,7 +18,9 @@ from drillenv.controllers import Controller
 from drillenv.controllers.hole.learned import DESCRIPTION, HoleLearned, read_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
-from drillenv.env.registration import HOLE_STEPS
+from drillenv.controllers.learned import Learned
+from drillenv.controllers.policies.stable_baselines import read_model
+from drillenv.env.registration import HOLE_IDS, HOLE_STEPS
 from drillenv.env.scenarios import read_scenario
 from drillenv.training.evaluate import Run, check_head, digest, named
 from drillenv.training.hole_headroom import ORACLE, RandomHole, row_of, summary, table
@@ -38,8 +40,9 @@ def entries(names: Sequence[str], policies: Sequence[str] = ()) -> dict[str, lis
 
     Args:
         names: Each is "all" (ROWS, and LEARNED where there are policies), a row of ROWS, the folder of a policy, or a
-            controller from elsewhere as :func:`drillenv.controllers.make` takes it. All but "all" may be given as
-            ROW=NAME, to name the row; several of one row are its runs, such as training seeds.
+            controller from elsewhere as :func:`drillenv.controllers.make` takes it, or a model that Stable-Baselines3
+            saved (a file that ends in .zip). All but "all" may be given as ROW=NAME, to name the row; several of one
+            row are its runs, such as training seeds.
         policies: Folders of policies, each a run of the row LEARNED.
 
     Raises:
@@ -67,11 +70,15 @@ def _run(name: str) -> Run:
         return Run(ROWS[name])
     if (Path(name) / DESCRIPTION).is_file():
         return _policy_run(name)
-    if name in controllers.NAMES or name.lower().endswith(".zip"):
+    if name.lower().endswith(".zip"):
+        policy = read_model(name, HOLE_IDS[0])
+        seed = policy.provenance.get("seed")
+        return Run(lambda: Learned(policy), None if isinstance(seed, str) else seed, digest(Path(name)), name)
+    if name in controllers.NAMES:
         known = ", ".join(ROWS)
         raise InputError(
-            f"controller is {shown(name)}, which drills no hole: give one of {known}, the folder of a policy that was "
-            "trained on DrillBit, or package.module:Class"
+            f"controller is {shown(name)}, which drills no hole: give one of {known}, the folder of a policy or a model "
+            "that was trained on DrillBit, or package.module:Class"
         )
     controllers.make(name)
     return Run(lambda: controllers.make(name), source=name)

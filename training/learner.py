@@ -41,7 +41,7 @@ class Learner:
 
     Attributes:
         rigs: The environments themselves.
-        believing: What remembers of each hole what can be known of it; None where none is drilled.
+        believing: What remembers of each hole what can be known of it; None where none is drilled so.
         monitor: Keeps the statistics of episodes.
         priced: What takes the price of the force off the rewards; None where no budget is kept to.
         stacked: Observations as the policy sees them: scaled where rigs are prepared, and the last ones side by side.
@@ -71,7 +71,7 @@ class Learner:
             self.stacked = VecFrameStack(rewarded, recipe.stack)
             self.model: Any = _plain(recipe, self.stacked)
             return
-        if recipe.hole:
+        if recipe.believing:
             self.believing = Believing(self.monitor)
             self.stacked = VecFrameStack(self.believing, recipe.stack)
         else:
@@ -83,15 +83,15 @@ class Learner:
         head = self.model.policy.action_net
         assert isinstance(head, torch.nn.Linear)
         with torch.no_grad():
-            head.bias.copy_(torch.from_numpy(np.array(believing.BEGIN) if recipe.hole else outputs_for(*START)))
-        self.model.policy.log_std.requires_grad_(recipe.hole)
+            head.bias.copy_(torch.from_numpy(np.array(believing.BEGIN) if recipe.believing else outputs_for(*START)))
+        self.model.policy.log_std.requires_grad_(recipe.believing)
         self.anneal()
 
     def _algorithm(self) -> PPO | RecurrentPPO:
         """Untrained."""
         recipe = self.recipe
         policy = network(recipe)
-        slowest = believing.SLOWEST if recipe.hole else SLOWEST
+        slowest = believing.SLOWEST if recipe.believing else SLOWEST
         common = {
             "learning_rate": lambda _: recipe.learning_rate * max(slowest, self._left),
             "n_steps": recipe.rollout,
@@ -134,7 +134,7 @@ class Learner:
             return
         steps = self.model.num_timesteps
         self._left = max(0.0, 1.0 - steps / recipe.anneal)
-        if recipe.hole:
+        if recipe.believing:
             return
         loud = max(0.0, 1.0 - steps / recipe.noise_anneal)
         noise = loud * np.log(recipe.noise) + (1.0 - loud) * np.log(recipe.noise_end)
@@ -168,17 +168,17 @@ def rigs_of(recipe: Recipe, number: int, threads: int | None = None, **arguments
 
 def network(recipe: Recipe) -> dict[str, Any]:
     """The network of a recipe as Stable-Baselines3 takes it."""
-    noise = {"log_std_init": believing.NOISE} if recipe.hole else {}
+    noise = {"log_std_init": believing.NOISE} if recipe.believing else {}
     return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation], **noise}
 
 
 def _training_price(recipe: Recipe) -> dict[str, Any]:
-    """The arguments of an environment that give a metre of hole its worth in training, unless its price is given.
+    """The arguments of an environment that give a metre of hole its worth on prepared rigs, unless its price is given.
 
     Raises:
         InputError: the costs given are no record.
     """
-    if not recipe.hole:
+    if not recipe.believing:
         return {}
     given = recipe.env_kwargs.get("costs")
     if not isinstance(given, dict | None):

@@ -110,7 +110,9 @@ HOLE: Mapping[str, Any] = MappingProxyType(
         "evaluate_every": 200_000,
     }
 )
-"""What is otherwise where a hole is drilled, by ppo on rigs that are prepared in a way of their own."""
+"""What is otherwise where a hole is drilled by ppo on rigs that are prepared, in a way of their own."""
+HOLE_ALGORITHMS = ("ppo", *OFF_POLICY)
+"""Those that learn to drill a hole: ppo on prepared rigs or as they are, the others on rigs as they are."""
 
 
 def option(default: Any, text: str) -> Any:
@@ -212,10 +214,8 @@ class Recipe:
 
     def _check_together(self) -> None:
         """See that no two values contradict each other."""
-        if self.hole and not (self.algo == "ppo" and self.prepared):
-            raise InputError(f"{self.env} is a hole, which only ppo on prepared rigs learns: give ppo for algo")
-        if self.hole and (self.stack, self.activation) != (1, "tanh"):
-            raise InputError("stack and activation are those of policies for holes, 1 and tanh: leave them out")
+        if self.hole and self.algo not in HOLE_ALGORITHMS:
+            raise InputError(f"{self.env} is a hole, which {self.algo} does not learn: give {', '.join(HOLE_ALGORITHMS)}")
         if self.ahead and self.algo != "ppo-vine":
             raise InputError(f"ahead is {self.ahead}, but only ppo-vine measures on copies: leave it out, or give 0")
         if not self.ahead and self.algo == "ppo-vine":
@@ -223,6 +223,8 @@ class Recipe:
         if self.algo in (OFF_POLICY if self.prepared else PREPARED):
             state = "prepared" if self.prepared else "not prepared"
             raise InputError(f"algo is {self.algo} and the rigs are {state}: leave prepared out with it")
+        if self.believing and (self.stack, self.activation) != (1, "tanh"):
+            raise InputError("stack and activation are those of policies for holes, 1 and tanh: leave them out")
         if self.prepared:
             for name in ("actions", "observations"):
                 if name in self.env_kwargs:
@@ -241,6 +243,11 @@ class Recipe:
         return self.env in HOLE_IDS
 
     @property
+    def believing(self) -> bool:
+        """Whether a hole is drilled by what can be known of it, on prepared rigs."""
+        return self.hole and self.prepared
+
+    @property
     def constrained(self) -> bool:
         """Whether a budget of force above the rating is kept to."""
         return self.algo == LAGRANGIAN
@@ -248,7 +255,7 @@ class Recipe:
     @property
     def timesteps(self) -> int:
         """Steps in all where none are given."""
-        return HOLE_TIMESTEPS if self.hole else TIMESTEPS.get(self.algo, USUAL_TIMESTEPS)
+        return TIMESTEPS.get(self.algo, HOLE_TIMESTEPS if self.hole else USUAL_TIMESTEPS)
 
     @property
     def unit(self) -> str:
@@ -267,7 +274,7 @@ class Recipe:
 
 def usual(algo: str, prepared: bool | None = None, hole: bool = False) -> dict[str, Any]:
     """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
-    if hole:
+    if hole and algo == "ppo" and prepared is not False:
         return {**USUAL, **HOLE}
     return {**USUAL, **(CRITIC if algo in WITH_CRITIC and prepared is True else OTHERWISE[algo])}
 

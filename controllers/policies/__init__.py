@@ -73,7 +73,7 @@ class Policy:
             (units,), "action.weight" (3, inputs) and "action.bias" (3,); with an LSTM of h units also
             "lstm.weight_input" (4 h, inputs), "lstm.weight_hidden" (4 h, h) and "lstm.bias" (4 h,), in the order
             input, forget, cell and output gate.
-        centre, width: (15,) float32, to scale the readings by.
+        centre, width: (15,) float32, to scale the readings by; (20,) of a model of Stable-Baselines3 that drills holes.
         layers: Units of each layer.
         lstm: Units of the LSTM before them, 0 for none.
         activation: "tanh" or "relu", after each layer.

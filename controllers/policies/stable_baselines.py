@@ -2,8 +2,9 @@
 
 Such a file holds the parameters as tensors and the rest as JSON in which some values are pickled. Read are the tensors,
 by a loader that makes tensors only, and what the JSON says in plain text: nothing in the file is run. That is enough
-for the MlpPolicy of PPO, A2C, SAC and TD3 on the 15 readings of the environments, or several of them side by side as
-VecFrameStack puts them, with absolute actions. What a VecNormalize kept is in another file, pickled, and is not read.
+for the MlpPolicy of PPO, A2C, SAC and TD3 on the readings of the environments (15, of a hole 20), or several of them
+side by side as VecFrameStack puts them, with absolute actions. What a VecNormalize kept is in another file, pickled,
+and is not read.
 
 :class:`Unpickled` is for all else, where one asks for it: it lets Stable-Baselines3 load the file, which runs what is
 pickled in it.
@@ -24,10 +25,14 @@ import numpy as np
 
 from drillenv.checks import InputError, shown
 from drillenv.controllers.policies import DIRECT, MOST_LAYERS, MOST_STACKED, MOST_UNITS, NAMES, Policy
+from drillenv.env.hole.readings import READINGS as HOLE_READINGS
+from drillenv.env.registration import HOLE_IDS
 
 DATA, TENSORS = "data", "policy.pth"
 LARGEST_DATA, LARGEST_TENSORS = 64_000_000, 64_000_000
 """Bytes of the two parts of the file."""
+HOLE_CONTROLS = 4
+"""Numbers of an action on a hole: those of the other environments, and the change of the bit."""
 PER_LAYER = 2
 """Stable-Baselines3 numbers its modules: a linear one and its activation for each layer."""
 SUPPORTED = "an MlpPolicy of PPO, A2C, SAC or TD3"
@@ -69,10 +74,11 @@ def policy_of(data: Mapping[str, Any], tensors: Mapping[str, np.ndarray], enviro
     Raises:
         InputError: it is not of a kind that is supported.
     """
+    readings, controls = (len(HOLE_READINGS), HOLE_CONTROLS) if environment in HOLE_IDS else (len(NAMES), len(DIRECT))
     algorithm, layers, head, squash = _kind(data)
-    _check_plain(data)
-    stack = _stack(data)
-    weights = _layers(tensors, layers, head, stack * len(NAMES))
+    _check_plain(data, controls)
+    stack = _stack(data, readings)
+    weights = _layers(tensors, layers, head, stack * readings, controls)
     units = tuple(len(weights[f"layer{i}.bias"]) for i in range(len(weights) // 2 - 1))
     provenance: dict[str, str | float] = {"algorithm": algorithm, "library": "stable-baselines3"}
     for name, key in (("seed", "seed"), ("steps", "num_timesteps")):
@@ -80,8 +86,8 @@ def policy_of(data: Mapping[str, Any], tensors: Mapping[str, np.ndarray], enviro
             provenance[name] = data[key]
     return Policy(
         weights=weights,
-        centre=np.zeros(len(NAMES), dtype=np.float32),
-        width=np.ones(len(NAMES), dtype=np.float32),
+        centre=np.zeros(readings, dtype=np.float32),
+        width=np.ones(readings, dtype=np.float32),
         layers=units,
         lstm=0,
         activation=_activation(data, "tanh" if algorithm in ("ppo", "a2c") else "relu"),
@@ -155,7 +161,7 @@ def _kind(data: Mapping[str, Any]) -> tuple[str, str, str, str]:
     raise InputError(f"its policy is of {shown(module)}: give {SUPPORTED}")
 
 
-def _check_plain(data: Mapping[str, Any]) -> None:
+def _check_plain(data: Mapping[str, Any], controls: int) -> None:
     """See that nothing stands between readings, layers and actions that the file does not state in plain text."""
     if data.get("use_sde"):
         raise InputError("it was trained with use_sde: give a model without it")
@@ -164,8 +170,10 @@ def _check_plain(data: Mapping[str, Any]) -> None:
     if keys - HARMLESS:
         raise InputError(f"its policy_kwargs have {', '.join(sorted(keys - HARMLESS))}: give {SUPPORTED}")
     actions = data.get("action_space")
-    if not isinstance(actions, Mapping) or actions.get("_shape") != [len(DIRECT)] or _ends(actions) != ({-1.0}, {1.0}):
-        raise InputError("its actions are not those of the environments: give a model of three actions from -1 to 1")
+    if not isinstance(actions, Mapping) or actions.get("_shape") != [controls] or _ends(actions) != ({-1.0}, {1.0}):
+        raise InputError(
+            f"its actions are not those of the environment: give a model of {controls} actions from -1 to 1"
+        )
 
 
 def _ends(space: Mapping[str, Any]) -> tuple[set[float], set[float]]:
@@ -177,16 +185,16 @@ def _ends(space: Mapping[str, Any]) -> tuple[set[float], set[float]]:
     return low, high
 
 
-def _stack(data: Mapping[str, Any]) -> int:
-    """How many observations the policy sees side by side."""
+def _stack(data: Mapping[str, Any], readings: int) -> int:
+    """How many observations of so many readings the policy sees side by side."""
     seen = data.get("observation_space")
     shape = seen.get("_shape") if isinstance(seen, Mapping) else None
     size = shape[0] if isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) else 0
-    if size < 1 or size % len(NAMES) or size // len(NAMES) > MOST_STACKED:
+    if size < 1 or size % readings or size // readings > MOST_STACKED:
         raise InputError(
-            f"it sees observations of the shape {shown(shape)}: give the {len(NAMES)} readings or a stack of them"
+            f"it sees observations of the shape {shown(shape)}: give the {readings} readings or a stack of them"
         )
-    return size // len(NAMES)
+    return size // readings
 
 
 def _activation(data: Mapping[str, Any], usual: str) -> str:
@@ -201,8 +209,10 @@ def _activation(data: Mapping[str, Any], usual: str) -> str:
     return found
 
 
-def _layers(tensors: Mapping[str, np.ndarray], layers: str, head: str, inputs: int) -> dict[str, np.ndarray]:
-    """The weights by the names that a Policy has for them, if they make a network of these inputs and three outputs."""
+def _layers(
+    tensors: Mapping[str, np.ndarray], layers: str, head: str, inputs: int, outputs: int
+) -> dict[str, np.ndarray]:
+    """The weights by the names that a Policy has for them, if they make a network of these inputs and outputs."""
     linear = []
     while f"{layers}.{PER_LAYER * len(linear)}.weight" in tensors and len(linear) <= MOST_LAYERS + 1:
         linear.append(f"{layers}.{PER_LAYER * len(linear)}")
@@ -220,8 +230,8 @@ def _layers(tensors: Mapping[str, np.ndarray], layers: str, head: str, inputs: i
             raise InputError(f"its layer {name} has too many units or numbers that are not finite: train it again")
         found[f"{mine}.weight"], found[f"{mine}.bias"] = weight, bias
         inputs = bias.size
-    if inputs != len(DIRECT):
-        raise InputError(f"it gives {inputs} numbers: give a model of three actions")
+    if inputs != outputs:
+        raise InputError(f"it gives {inputs} numbers: give a model of {outputs} actions")
     return found
 
 

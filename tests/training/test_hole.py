@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import PPO, SAC
 
 from drillenv import cli
 from drillenv.controllers.hole.belief import CENTRE, Belief
@@ -13,7 +14,10 @@ from drillenv.controllers.hole.learned import HoleLearned, HolePolicy, actions_o
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.env.registration import HOLES
 from drillenv.training import believing, hole_headroom, hole_search, train
+from drillenv.training.evaluation import evaluation_of_model
 from drillenv.training.export import exported, read_config, weights_of
+from drillenv.training.hole_headroom import row_of
+from drillenv.training.hole_league import entries
 from drillenv.training.learner import Learner
 from drillenv.training.recipe import Recipe
 from drillenv.training.sb3 import DrillVecEnv
@@ -79,6 +83,33 @@ def test_training_gives_policies_and_what_they_cost(tmp_path, capsys):
     assert not list(out.glob("*.zip"))
 
 
+@pytest.mark.parametrize(
+    ("algo", "more"),
+    [
+        ("ppo", {"prepared": False, "stack": 2}),
+        ("sac", {"rollout": None, "epochs": None, "algo_kwargs": {"learning_starts": 16, "buffer_size": 1000}}),
+    ],
+)
+def test_the_library_s_algorithms_learn_on_holes_as_they_are(algo, more, tmp_path):
+    """Readings, actions and rewards are those of the environment, and the model enters the league."""
+    numbers = SMALL | {"algo": algo, "layers": (16,), "env_kwargs": HOLE} | more
+    recipe = Recipe(**numbers, evaluate_every=16, seed=3)
+    learner = Learner(recipe, threads=1)
+    assert learner.rigs.rigs.task.costs.metre == 600.0  # type: ignore[attr-defined]
+    assert learner.stacked.observation_space.shape == (20 * recipe.stack,)
+    learner.close()
+    result = train.train(recipe, 32, tmp_path / "run", threads=1, quiet=True)
+    assert [steps for steps, _ in result["scores"]] == [16, 32] and result["cost"] is None
+    assert not (tmp_path / "run" / "last" / "policy.json").exists()
+    file = str(tmp_path / "run" / "last.zip")
+    (run,) = entries([f"mine={file}"])["mine"]
+    assert (run.seed, run.source) == (3, file)
+    played = row_of([run.make()], "validation", 1, steps=12)
+    plain = Recipe(**numbers | {"episodes": 1})
+    model = {"ppo": PPO, "sac": SAC}[algo].load(file, device="cpu")
+    assert evaluation_of_model(model, plain, 1).score == pytest.approx(played["cost_per_metre"][0], rel=0.02)
+
+
 def test_a_run_on_holes_goes_on_exactly(tmp_path):
     recipe = Recipe(**SMALL, evaluate_every=64, seed=7, env_kwargs=HOLE)
     train.train(recipe, 96, tmp_path / "whole", threads=1, quiet=True)
@@ -120,9 +151,10 @@ def test_holes_without_a_frozen_set_are_drawn_for_the_evaluation(tmp_path):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ([], "which only ppo on prepared rigs learns: give ppo for algo"),
-        (["--algo", "sac"], "which only ppo on prepared rigs learns"),
-        (["--algo", "ppo", "--no-prepared"], "which only ppo on prepared rigs learns"),
+        ([], "which ppo-vine does not learn: give ppo, sac, td3"),
+        (["--algo", "recurrent-ppo"], "which recurrent-ppo does not learn"),
+        (["--algo", "sac", "--prepared"], "algo is sac and the rigs are prepared"),
+        (["--algo", "sac", "--rollout", "8"], "--rollout has no use with sac"),
         (["--algo", "ppo", "--stack", "3"], "stack and activation are those of policies for holes"),
         (["--algo", "ppo", "--activation", "relu"], "stack and activation are those of policies for holes"),
         (["--algo", "ppo", "--noise", "0.1", "0.1", "0.1"], "--noise has no use with drillenv/DrillBit-v0"),

@@ -103,7 +103,7 @@ def test_a_page_has_a_place_for_the_rows(folder):
     ("given", "says"),
     [
         (["--controllers", "mpc"], "controller is 'mpc', which drills no hole: give one of random, fixed, rules"),
-        (["--controllers", "sac=model.zip"], "controller is 'model.zip', which drills no hole"),
+        (["--controllers", "sac=model.zip"], "model model.zip cannot be read"),
         (["--controllers", "nobody"], "controller is 'nobody': give one of"),
         (["--controllers", "rules=my_holes:Mine"], "rules is a row of the league already"),
         (["--controllers", "ppo"], "controller ppo needs trained policies"),
