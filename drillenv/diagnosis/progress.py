@@ -123,4 +123,5 @@ def span(least: float, most: float) -> str:
     """A time in words, from s."""
     if most < 60.0:
         return f"about {max(least, 1.0):.0f} to {max(most, 2.0):.0f} s"
-    return f"about {max(least / 60.0, 0.1):.1g} to {most / 60.0:.1g} min"
+    low, high = (float(f"{each / 60.0:.1g}") for each in (max(least, 6.0), most))
+    return f"about {low:g} to {high:g} min"

@@ -14,7 +14,7 @@ from drillenv.diagnosis import verdict
 from drillenv.diagnosis.drill_identification import mechanisms_of
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
-from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, Known, OutOfTime, Progress, Timed
+from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, Known, OutOfTime, Progress, Timed, span
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
 from drillenv.diagnosis.sensing import ACCELEROMETER, sensor_families
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -75,6 +75,9 @@ def test_stages_say_how_long_they_may_take():
     assert said[0] == "stage 1 of 5: fitting the paper's model"
     assert said[1].startswith("stage 2 of 5: looking for what is missing; about ")
     assert f"{10.0 * EXTENDING.most / 60.0:.1g} min to go" in said[2]
+    assert [span(0.0, 1.0), span(2.0, 50.0), span(5.0, 90.0), span(170.0, 2410.0)] == [
+        "about 1 to 2 s", "about 2 to 50 s", "about 0.1 to 2 min", "about 3 to 40 min",
+    ]  # fmt: skip
 
 
 @pytest.mark.slow
