@@ -77,7 +77,7 @@ def _run(name: str) -> Run:
     if name in controllers.NAMES:
         known = ", ".join(ROWS)
         raise InputError(
-            f"controller is {shown(name)}, which drills no hole: give one of {known}, the folder of a policy or a model "
+            f"controller is {shown(name)}, which drills no hole: give one of {known}, a policy's folder or a model "
             "that was trained on DrillBit, or package.module:Class"
         )
     controllers.make(name)

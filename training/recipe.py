@@ -215,7 +215,8 @@ class Recipe:
     def _check_together(self) -> None:
         """See that no two values contradict each other."""
         if self.hole and self.algo not in HOLE_ALGORITHMS:
-            raise InputError(f"{self.env} is a hole, which {self.algo} does not learn: give {', '.join(HOLE_ALGORITHMS)}")
+            known = ", ".join(HOLE_ALGORITHMS)
+            raise InputError(f"{self.env} is a hole, which {self.algo} does not learn: give {known}")
         if self.ahead and self.algo != "ppo-vine":
             raise InputError(f"ahead is {self.ahead}, but only ppo-vine measures on copies: leave it out, or give 0")
         if not self.ahead and self.algo == "ppo-vine":
