@@ -66,7 +66,7 @@ def entries(names: Sequence[str], policies: Sequence[str] = (), trust_pickle: bo
     trained: dict[str, list[Run]] = {}
     for folder in policies:
         policy = read_policy(folder)
-        trained.setdefault(row_of(policy), []).append(_policy_run(policy, Path(folder)))
+        trained.setdefault(row_of(policy), []).append(policy_run(policy, Path(folder)))
     found: dict[str, list[Run]] = {}
     for given in dict.fromkeys(names):
         if given == "all":
@@ -124,7 +124,7 @@ def named(given: str, taken: Sequence[str], free: Sequence[str] = ()) -> tuple[s
 def _run(name: str, trust_pickle: bool = False) -> Run:
     """One run of a controller, whatever it is; made once, so that what is wrong with it is said before any work."""
     if name == "shipped":
-        return _policy_run(read_policy(SHIPPED), SHIPPED)
+        return policy_run(read_policy(SHIPPED), SHIPPED)
     if name in controllers.NAMES:
         if name == "learned":
             raise InputError("controller is 'learned': give shipped, or the folder of a policy")
@@ -133,14 +133,15 @@ def _run(name: str, trust_pickle: bool = False) -> Run:
         if trust_pickle:
             model = Unpickled(name).model
             return Run(lambda: Unpickled(model), None, digest(Path(name)), name)
-        return _policy_run(read_policy(name), Path(name), name)
+        return policy_run(read_policy(name), Path(name), name)
     if (Path(name) / DESCRIPTION).is_file():
-        return _policy_run(read_policy(name), Path(name), name)
+        return policy_run(read_policy(name), Path(name), name)
     controllers.make(name)
     return Run(lambda: controllers.make(name), source=name)
 
 
-def _policy_run(policy: Policy, path: Path, source: str | None = None) -> Run:
+def policy_run(policy: Policy, path: Path, source: str | None = None) -> Run:
+    """A run of a policy that was read from a path."""
     seed = policy.provenance.get("seed")
     number = None if isinstance(seed, str) else seed
     return Run(lambda: controllers.make("learned", policy=policy), number, digest(path), source)

@@ -18,11 +18,10 @@ from drillenv.controllers import Controller
 from drillenv.controllers.hole.learned import DESCRIPTION, HoleLearned, read_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
-from drillenv.controllers.learned import Learned
 from drillenv.controllers.policies.stable_baselines import read_model
 from drillenv.env.registration import HOLE_IDS, HOLE_STEPS
 from drillenv.env.scenarios import read_scenario
-from drillenv.training.evaluate import Run, check_head, digest, named
+from drillenv.training.evaluate import Run, check_head, digest, named, policy_run
 from drillenv.training.hole_headroom import ORACLE, RandomHole, row_of, summary, table
 
 FORMAT = "drillenv-hole-league/1"
@@ -71,9 +70,7 @@ def _run(name: str) -> Run:
     if (Path(name) / DESCRIPTION).is_file():
         return _policy_run(name)
     if name.lower().endswith(".zip"):
-        policy = read_model(name, HOLE_IDS[0])
-        seed = policy.provenance.get("seed")
-        return Run(lambda: Learned(policy), None if isinstance(seed, str) else seed, digest(Path(name)), name)
+        return policy_run(read_model(name, HOLE_IDS[0]), Path(name), name)
     if name in controllers.NAMES:
         known = ", ".join(ROWS)
         raise InputError(

@@ -20,7 +20,7 @@ from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, ex
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import CONVERGED, JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.measured import POINTS, indices_of, law_record, quantity, with_spread
+from drillenv.diagnosis.measured import POINTS, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.selection import ScoreTests, Step, regular
@@ -357,7 +357,7 @@ class BodyReport:
         ends = axes.points(place)[[0, -1]]
         x = axes.between(place, float(ends[0]), float(ends[1]), POINTS)
         straight = self.unstated(place, x)
-        inside = indices_of(final, terms) + list(straight)
+        inside = final.indices_of(terms) + list(straight)
         widths = np.array([final.structure.unknowns[i].width for i in inside])
         stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
         names = {each.name for each in terms}

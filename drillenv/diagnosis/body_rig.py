@@ -457,7 +457,7 @@ class BodyRig:
         term = family.terms[0]
         if not (isinstance(term, Curve) and term.place == SPRING and nearest in ("", family.mechanism)):
             return (nearest or family.mechanism,)
-        values, precision = fitted.values_of(term.name), fitted.precision_of(term.name)
+        values, precision = fitted.values_of(term.name), fitted.precision_of(term)
         known = zip(fitted.structure.unknowns, fitted.values, strict=True)
         stiffness = next((float(value) for each, value in known if each.name == "stiffness"), 0.0)
         kinds = kinds_of_spring(term, values, precision, self.axes.points(SPRING), stiffness)

@@ -117,17 +117,19 @@ class DrillRig:
     def mechanisms_by_law(self, fitted: Fitted, family: Family, nearest: str) -> tuple[str, ...]:
         """The mechanism of a law that no equation follows, the likeliest first; ``nearest`` explains most of it."""
         term = family.terms[0]
-        values, model = fitted.values_of(term.name), law_of(fitted, family.terms, fitted.blocks[0].point)
         if isinstance(term, Sensor) and family.group == ACCELEROMETER:
             rate = min(block.data.rate for block in fitted.blocks)
-            return (mechanism_of_law(kind_of_response(term, values, rate)),)
+            return (mechanism_of_law(kind_of_response(term, fitted.values_of(term.name), rate)),)
         if family.group == CURVED:
+            model = law_of(fitted, family.terms, fitted.blocks[0].point)
             stated = next(each.value for each in fitted.structure.unknowns if each.name == STRAIGHT[LOADING])
             return (mechanism_of_law(kind_of_contact(model.curve(LOADING) + math.log(model.s[V.KL] / stated))),)
         if nearest or not (isinstance(term, Curve) and term.place == SPRING):
             return (nearest or family.mechanism,)
-        x, precision = fitted.structure.axes.points(SPRING), fitted.precision_of(term.name)
-        return tuple(map(mechanism_of_law, kinds_of_spring(term, values, precision, x, float(model.s[V.K]))))
+        values, precision = fitted.values_of(term.name), fitted.precision_of(term)
+        stiffness = float(law_of(fitted, family.terms, fitted.blocks[0].point).s[V.K])
+        kinds = kinds_of_spring(term, values, precision, fitted.structure.axes.points(SPRING), stiffness)
+        return tuple(map(mechanism_of_law, kinds))
 
 
 DRILL = DrillRig()

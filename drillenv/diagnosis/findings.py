@@ -17,7 +17,6 @@ from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, ax
 from drillenv.diagnosis.measured import (
     Visited,
     hum_spectrum,
-    indices_of,
     measured_law,
     measured_response,
     quantity,
@@ -120,7 +119,7 @@ def cited(effect: Effect, exact: bool) -> dict[str, str]:
 
 def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:
     """What a sensor's free law comes to, in numbers."""
-    inside = indices_of(final, [term])
+    inside = final.indices_of([term])
     widths = np.array([each.width for each in term.unknowns])
     covariance = final.covariance[np.ix_(inside, inside)] * np.outer(widths, widths)
     return {name: quantity(*each) for name, each in term.summed_up(final.values[inside], covariance).items()}
@@ -142,7 +141,7 @@ def strengths(final: Fitted, step: Step) -> dict[str, Any]:
 
 def parameters_of(fitted: Fitted, equation: Term, spread: Floats) -> dict[str, Any]:
     """Parameters of an equation, or of a law in words of its own; ``spread`` are standard deviations of all."""
-    inside = indices_of(fitted, [equation])
+    inside = fitted.indices_of([equation])
     term = next(each for each in fitted.structure.terms if each.name == equation.name)
     return term.stated(fitted.values[inside], spread[inside])
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, eliminated, minimise
-from drillenv.diagnosis.terms import ModelStructure
+from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
 FREE, JOINED = 1e3, 1.0
@@ -108,11 +108,17 @@ class Fitted:
         split = self.structure.split(self.values)
         return next(own for term, own in zip(self.structure.terms, split, strict=True) if term.name == name)
 
-    def precision_of(self, name: str) -> Floats:
+    def indices_of(self, terms: Sequence[Term]) -> list[int]:
+        """Places of the terms' parameters among all."""
+        found, first = {}, 0
+        for term in self.structure.terms:
+            found[term.name] = list(range(first, first + len(term.unknowns)))
+            first += len(term.unknowns)
+        return [i for term in terms for i in found[term.name]]
+
+    def precision_of(self, term: Term) -> Floats:
         """(m, m) of the parameters of a term, in their units."""
-        inside = np.repeat(
-            [each.name == name for each in self.structure.terms], [len(each.unknowns) for each in self.structure.terms]
-        )
+        inside = self.indices_of([term])
         widths = np.array([each.width for each in self.structure.unknowns])[inside]
         inverse = np.linalg.pinv(self.covariance[np.ix_(inside, inside)], hermitian=True)
         return np.asarray(inverse / np.outer(widths, widths), dtype=float)

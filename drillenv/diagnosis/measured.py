@@ -264,15 +264,6 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
     return Shown("frequency", "Hz", "1", x, lambda m: m.s[V.F_A] + 0.0 * x)
 
 
-def indices_of(fitted: Fitted, terms: Sequence[Term]) -> list[int]:
-    """Places of the terms' parameters among all."""
-    found, first = {}, 0
-    for term in fitted.structure.terms:
-        found[term.name] = list(range(first, first + len(term.unknowns)))
-        first += len(term.unknowns)
-    return [i for term in terms for i in found[term.name]]
-
-
 def with_spread(
     fitted: Fitted, inside: Sequence[int], curve: Callable[[Floats], Floats], step: float = 1e-3
 ) -> tuple[Floats, Floats]:
@@ -354,7 +345,7 @@ def measured_law(
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
     display = shown(family, terms, fitted, depth, visited)
-    inside = indices_of(fitted, terms)
+    inside = fitted.indices_of(terms)
 
     def curve(own: Floats) -> Floats:
         shared = fitted.fit.shared.copy()
@@ -401,7 +392,7 @@ def hum_spectrum(fitted: Fitted, term: Added) -> dict[str, Any]:
     The root mean square over recordings. Orders that the noise has among its lines are the hum's as well.
     """
     frequency = term.frequency_of(fitted.values_of(term.name))
-    inside = indices_of(fitted, [term])
+    inside = fitted.indices_of([term])
     spread = np.sqrt(np.diag(fitted.covariance)[inside])
     widths = np.array([each.width for each in term.unknowns])
     sizes, stds = term.waves(fitted.values_of(term.name)), term.waves(spread * widths)
@@ -439,7 +430,7 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
     if unit == "kg":
         channels = (1, 0)
 
-    inside = indices_of(fitted, terms)
+    inside = fitted.indices_of(terms)
     widths = np.array([each.width for term in terms for each in term.unknowns])
 
     def curve(own: Floats) -> Floats:

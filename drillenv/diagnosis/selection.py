@@ -616,9 +616,8 @@ def strength_shows(family: Family, fitted: Fitted) -> bool:
 
     Its states, which begin anywhere near rest, gain something even where it has no strength (a Wald test).
     """
-    terms, first = fitted.structure.terms, family.terms[0]
-    i = sum(len(each.unknowns) for each in terms[: [each.name for each in terms].index(first.name)])
-    strength = first.unknowns[0]
+    term = family.terms[0]
+    i, strength = fitted.indices_of([term])[0], term.unknowns[0]
     off = fitted.fit.shared[i] - strength.value / strength.width
     return float(off**2) > float(chi2.isf(FALSE_ALARMS, 1)) * float(fitted.covariance[i, i])
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.selection import least_gain, penalty, strength_shows
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
@@ -71,11 +72,11 @@ def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
     """Air without stiffness fits whatever fades away; its strength is the first parameter of its own term."""
     unknown = Fake(value=0.0, width=1e4)
     others, air = Fake(name="constants", unknowns=[unknown] * 2), Fake(name="air", unknowns=[unknown, unknown])
-    fitted: Any = Fake(
-        structure=Fake(terms=[others, air]),
-        fit=Fake(shared=np.array([9.0, 9.0, strength, 9.0])),
-        covariance=np.diag([1e-6, 1e-6, 0.5**2, 1e-6]),
-    )
+    structure: Any = Fake(terms=[others, air])
+    fit: Any = Fake(shared=np.array([9.0, 9.0, strength, 9.0]))
+    fitted = Fitted(structure, [], fit, Any)  # type: ignore[arg-type]
+    # as computed from a fit, which this one has not
+    vars(fitted)["covariance"] = np.diag([1e-6, 1e-6, 0.5**2, 1e-6])
     family: Any = Fake(terms=[air])
     assert strength_shows(family, fitted) == shows
 
