@@ -38,7 +38,7 @@ FARTHEST_SHIFT = 2.0
 """Share of its range by which a spring's law may be counted from elsewhere."""
 
 WITH_STATES = {
-    "air": ("air_stiffness", "air_rate"),
+    "air": ("air_stiffness", "air_per_length", "air_rate"),
     "mount": ("mount_gain", "mount_square", "mount_damping"),
 }
 """Numbers of the model that laws with states of their own set, by their group."""
@@ -55,6 +55,14 @@ def law_of(fitted: Fitted, terms: Sequence[Term], point) -> Model:
         if term.name in names:
             term.contribute(own, model, point, fitted.structure.axes)
     return model
+
+
+def numbers_of(model: Model) -> Floats:
+    """What a model says that is no curve; air has one stiffness, whatever it comes from."""
+    s = model.s.copy()
+    s[V.AIR_STIFFNESS] += s[V.F_B] * s[V.AIR_PER_LENGTH]
+    s[V.AIR_PER_LENGTH] = 0.0
+    return s
 
 
 def as_law(place: int, axes: Axes, stated: float, other: float) -> Floats:
@@ -131,9 +139,10 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
             equation.contribute(values[count:], tried, point, shifted(same_forces(axes, model, tried), shift))
             if not off:
                 off = {place: tried.curve(place) - standing[place] for place in curves}
+            given, said = numbers_of(model), numbers_of(tried)
             for i in (*NUMBERS.values(), V.SLIDING1, V.SLIDING2, V.F_A):
-                if model.s[i] > 0.0 and (tried.s[i] > 0.0 or i in NUMBERS.values()):
-                    rows.append(weight * math.log(max(tried.s[i], 1e-12) / model.s[i]))
+                if given[i] > 0.0 and (said[i] > 0.0 or i in NUMBERS.values()):
+                    rows.append(weight * math.log(max(said[i], 1e-12) / given[i]))
         if factor is None:
             return np.concatenate([rows, 1e-2 * (scaled[:count] - own / width[:count]), [0.0]])
         change, priors = values[:count] - own, [1e-3 * shift]

@@ -50,6 +50,7 @@ NUMBERS = {
         "mount_square",
         "mount_damping",
         "air_stiffness",
+        "air_per_length",
         "air_rate",
         "shaker_bristles",
         "indenter_bristles",
@@ -397,7 +398,7 @@ def _contact(free: FreeLaws) -> list[Family]:
         free.curve("rate-force", 20.0, RATE_FORCE, rates),
     )
     # a face that has been hit for long changes no more
-    compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:5])
+    compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:-1])
     return [
         Family(CURVED, CURVED, law),
         Family("contact speed", "contact speed", rate),

@@ -241,7 +241,13 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
         return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, COMPACTION, x))
     if family.group == "air":
         x = np.linspace(0.0, 1e-3, POINTS)
-        return Shown("sudden advance of the shaker body", "m", "N", x, lambda m: m.s[V.AIR_STIFFNESS] * x)
+        static = float(np.mean([each.structure.model(fitted.values, each.point).s[V.F_B] for each in fitted.blocks]))
+
+        def lost(m: Model) -> Floats:
+            share = m.s[V.AIR_PER_LENGTH] * x
+            return m.s[V.AIR_STIFFNESS] * x + static * share / (1.0 + share)
+
+        return Shown("sudden advance of the shaker body", "m", "N", x, lost)
     if family.group == "mount":
         x = np.linspace(0.0, 5e3, POINTS)
 

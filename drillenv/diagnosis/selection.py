@@ -33,7 +33,7 @@ CANDIDATES = 3
 """Families that are fitted side by side at each step."""
 MOST = 4
 """Families, at most."""
-DETAILS = (2, 4)
+DETAILS = (2, 4, 8)
 """Resolutions of a free law that are tried."""
 PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
@@ -201,17 +201,22 @@ def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term],
 
 
 def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same family over what motions visit now, of twice the resolution, and of more as long as that is seen."""
+    """The same family over what motions visit now, of a higher resolution as long as that is seen."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
-    again = with_detail(data, fitted, family, 1, pool)
-    fitted = again if again.cost < fitted.cost else fitted
-    for detail in DETAILS:
+    rig, axes, coarser = fitted.structure.rig, fitted.structure.axes, family.size - 1
+    for detail in (1, *DETAILS):
+        size = next(each.size for each in rig.laws(fitted, axes, detail) if each.name == family.name)
+        if size <= coarser:
+            # the law is as fine already
+            continue
+        coarser = size
         finer = with_detail(data, fitted, family, detail, pool)
         more = finer.fit.shared.size - fitted.fit.shared.size
-        enough = fitted.cost - finer.cost < 0.5 * chi2.isf(FALSE_ALARMS, max(more, 1))
-        fitted = fitted if enough else finer
-        if enough or finer.per_freedom < 1.0 + LEFT:
+        least = 0.5 * chi2.isf(FALSE_ALARMS, more) if more > 0 else 0.0
+        if finer.cost < fitted.cost - least:
+            fitted = finer
+        elif more > 0:
             break
     return smoothed(data, fitted, family, pool)
 
@@ -349,12 +354,13 @@ def forward(
     before: Sequence[Step] = (),
     earlier: ScoreTests | None = None,
     keep: Keep = lambda *_: None,
+    only: Collection[str] | None = None,
 ) -> tuple[Fitted, list[Step], ScoreTests]:
     """Add families as long as one is called for, then leave out those that the others make needless.
 
     ``before`` are steps that the fit has taken already. Of families that were tested ``earlier`` on a part of the same
     samples, only those are tested again that may yet be there, at the same level. ``keep`` is told what has been found
-    each time that something has.
+    each time that something has. Families of ``only`` these groups, where any are given.
     """
     steps = list(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
@@ -367,7 +373,8 @@ def forward(
                 steps[i] = identify_equation(data, fitted, step, pool, say)
                 fitted = steps[i].after
         named = {step.family.group for step in steps if step.named.equation is not None}
-        scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool), pool)
+        families = still_possible(fitted, steps, possible, pool)
+        scores, level = score_tests(fitted, [each for each in families if only is None or each.group in only], pool)
         level = level if earlier is None else min(level, earlier.level)
         # a step may be changed further on, and a search may be interrupted there
         keep(fitted, [replace(each) for each in steps], ScoreTests(scores, level))

@@ -229,10 +229,14 @@ def selected(
     whole = extended(data, found, pool)
     say(f"reduced chi-square {whole.per_freedom:.3f}")
     final = whole
+    by_equations = {step.family.group for step in steps if step.named.equation is not None}
+    if final.per_freedom > CLOSE and by_equations:
+        # an equation that follows a law over stretches need not do so where these go on
+        final, steps, _ = forward(data, final, pool, say, steps, tested, only=by_equations)
     # a model that does not hold where its stretches go on is not mended by more families
-    if whole.per_freedom < CLOSE:
+    if final.per_freedom < CLOSE:
         progress.stage(SEARCHING_AGAIN)
-        final, steps, tested = forward(data, whole, pool, say, steps, tested)
+        final, steps, tested = forward(data, final, pool, say, steps, tested)
     final = final_refit(data, final, pool)
     return Selected(begun, whole if found is begun else None, final, steps, tested)
 

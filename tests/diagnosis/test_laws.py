@@ -99,6 +99,13 @@ def test_the_same_law_is_found_among_finer_functions():
     assert np.ptp(left) < 0.02 * np.ptp(own @ term.basis)
 
 
+@pytest.mark.parametrize("detail", [1, 2, 8])
+def test_a_law_of_compaction_reaches_to_the_last_impact_and_ends_in_nothing(detail):
+    basis = curve("compaction", detail=detail).basis
+    assert np.all(np.any(np.abs(basis[:, :-1]) > 1e-12, axis=0))
+    assert np.allclose(basis[:, -1], 0.0)
+
+
 def test_a_waveform_of_the_lowest_resolution_holds_crossover_distortion():
     """No force while the drive changes its sign: a coarser waveform would lose to a curve over force."""
     theta = AXES.points(WAVEFORM)

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drillenv.diagnosis import selection
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.selection import least_gain, penalty, strength_shows
+from drillenv.diagnosis.laws import Curve
+from drillenv.diagnosis.selection import least_gain, penalty, refined, strength_shows
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
 SAMPLES = 20_000
@@ -79,6 +81,35 @@ def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
     vars(fitted)["covariance"] = np.diag([1e-6, 1e-6, 0.5**2, 1e-6])
     family: Any = Fake(terms=[air])
     assert strength_shows(family, fitted) == shows
+
+
+@pytest.mark.parametrize(
+    ("size", "gains", "expected"),
+    [
+        (6, {6: 0.0, 12: 500.0, 24: 200.0, 48: 1.0}, 24),
+        (12, {12: 0.0, 24: 500.0, 48: 300.0}, 48),
+        (12, {12: 0.0, 24: 5.0, 48: 300.0}, 12),
+    ],
+)
+def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypatch, size, gains, expected):
+    """``gains`` in log-likelihood by the number of coefficients; coarser laws than its own are not tried again."""
+
+    def family(count: int) -> Any:
+        return Fake(name="drive", size=count, terms=(Curve("drive", ()),))
+
+    rig = Fake(laws=lambda fitted, axes, detail: [family(6 * detail)])
+    structure = Fake(rig=rig, axes=None)
+
+    def at(count: int, cost: float) -> Any:
+        return Fake(structure=structure, fit=Fake(shared=np.zeros(count)), cost=cost, per_freedom=1.01)
+
+    def with_detail(data, fitted, family, detail, pool):
+        return at(6 * detail, fitted.cost - gains[6 * detail])
+
+    monkeypatch.setattr(selection, "with_detail", with_detail)
+    monkeypatch.setattr(selection, "smoothed", lambda data, fitted, family, pool: fitted)
+    found = refined([], at(size, 1e4), family(size), Fake())  # type: ignore[arg-type]
+    assert found.fit.shared.size == expected
 
 
 def test_what_a_free_law_leaves_is_at_most_half_of_what_is_left():

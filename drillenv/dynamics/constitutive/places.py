@@ -114,6 +114,7 @@ SCALARS: Mapping[str, str] = {
     "mount_square": "1/s^2, q: its natural frequency, squared",
     "mount_damping": "1/s, d",
     "air_stiffness": "N/m, k_a of the enclosed air",
+    "air_per_length": "1/m, one over the length of air that the cylinder encloses, which follows Boyle's law",
     "air_rate": "1/s, r: one over the time the supply takes to restore the pressure",
     "drive_lag": "s, one over the corner frequency of the drive",
     "shaker_vibration": "N, amplitude of a vibration from outside on the shaker body",

@@ -24,7 +24,7 @@ from drillenv.rocks import Rock
 
 _OWNERS = (
     ("mount_square",),
-    ("air_stiffness",),
+    ("air_stiffness", "air_per_length"),
     ("drive_lag",),
     ("shaker_vibration", "indenter_vibration"),
     ("shaker_grip",),

@@ -61,6 +61,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     inside_one,
 )
 from drillenv.dynamics.hybrid.vector_field import (
+    AIR_PER_LENGTH,
     AIR_RATE,
     AIR_STIFFNESS,
     BENT1,
@@ -79,6 +80,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     KU,
     LAST_PIECE,
     LAWS,
+    LEAST_AIR,
     LEAST_SLIDING,
     LEFT,
     M1,
@@ -117,6 +119,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     U,
     W,
     Y,
+    air_left,
+    air_stiffness,
     argument,
     is_of_bristles,
     law_at,
@@ -397,11 +401,20 @@ def linearise(
     j[W, V2], j[W, UD], j[U, UD] = 1.0, -1.0, 1.0
     j[UD, U], j[UD, UD] = -m[MOUNT_SQUARE] - mount_u, -m[MOUNT_DAMPING] - mount_v - m[MOUNT_GAIN] * rock_v
     j[UD, W], j[UD, V2] = m[MOUNT_GAIN] * rock_w, m[MOUNT_GAIN] * rock_v
-    j[Q, V1], j[Q, Q] = m[AIR_STIFFNESS], -m[AIR_RATE]
+    left, fading = air_left(m, z[Q]), by_air_lost(m, z[Q])
+    j[Q, V1] = air_stiffness(m) * left * left
+    j[Q, Q] = (2.0 * air_stiffness(m) * left * z[V1] - m[AIR_RATE] * z[Q]) * fading - m[AIR_RATE] * left
     for mass in range(2):
         lin[BY_SLIDING1 + mass] = 0.0
         if m[BRISTLES1 + mass] > 0.0:
             linearise_bristles(m, d, mass, z, j, at, lin)
+
+
+@njit(**INLINED)
+def by_air_lost(m: np.ndarray, lost: float) -> float:
+    """Derivative of the share of the cylinder's force that is left by the force lost, in 1/N."""
+    gives = m[AIR_PER_LENGTH] > 0.0 and m[F_B] > 0.0 and air_left(m, lost) > LEAST_AIR
+    return -1.0 / m[F_B] if gives else 0.0
 
 
 @njit(**INNER)
@@ -471,7 +484,13 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[KL, BY_ROCK], by[KU, BY_ROCK] = lin[BY_KL] * lin[GAIN], lin[BY_KU] * lin[GAIN]
     by[GRIP1, BY_V1], by[GRIP2, BY_V2] = -d[SLIDE1], -d[SLIDE1 + 1]
     by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -z[U], -z[UD]
-    by[AIR_STIFFNESS, BY_Q], by[AIR_RATE, BY_Q] = z[V1], -z[Q]
+    left = air_left(m, z[Q])
+    by[AIR_STIFFNESS, BY_Q], by[AIR_RATE, BY_Q] = left * left * z[V1], -left * z[Q]
+    by[AIR_PER_LENGTH, BY_Q] = max(m[F_B], 0.0) * left * left * z[V1]
+    by[F_B, BY_Q] = m[AIR_PER_LENGTH] * left * left * z[V1]
+    if m[F_B] > 0.0:
+        by_left = 2.0 * air_stiffness(m) * left * z[V1] - m[AIR_RATE] * z[Q]
+        by[F_B, BY_Q] -= by_left * by_air_lost(m, z[Q]) * z[Q] / m[F_B]
     for mass in range(2):
         stiff = m[BRISTLES1 + mass]
         giving = dz[BENT1 + mass] / stiff if stiff > 0.0 else z[V1 + mass]

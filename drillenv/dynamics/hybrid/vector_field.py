@@ -89,6 +89,7 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     MOUNT_SQUARE,
     MOUNT_DAMPING,
     AIR_STIFFNESS,
+    AIR_PER_LENGTH,
     AIR_RATE,
     DRIVE_LAG,
     SHAKER_VIBRATION,
@@ -122,6 +123,8 @@ BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2, BY_BRISTLES1, BY_BRI
 )
 TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_BRISTLES2 + 1, BY_BRISTLES2 + 8)
 SIZE = BUSY_ON_ROCK + 1
+LEAST_AIR = 0.01
+"""Of the cylinder's force: where a supply is turned down, gas may have lost more than that by then."""
 MOST_LAWS = 64
 """Room for laws; their table begins at SIZE, that of their pieces behind it."""
 
@@ -491,12 +494,31 @@ def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
     dz[V1], dz[V2] = one * (1.0 / m[M1]), two * (1.0 / m[M2])
     if m[MOVING] > U:
         dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * z[U] - m[MOUNT_DAMPING] * ud - on_mount
-        dz[Q] = m[AIR_STIFFNESS] * v1 - m[AIR_RATE] * z[Q]
+        left = air_left(m, z[Q])
+        dz[Q] = air_stiffness(m) * left * left * v1 - m[AIR_RATE] * left * z[Q]
     dz[BENT1], dz[BENT2] = 0.0, 0.0
     rub(m, d, z, dz)
     dz[tally + BY_DRIVE], dz[tally + BY_STATIC] = drive * v2, m[F_B] * v1
     dz[tally + IN_DAMPER], dz[tally + IN_ROCK] = damper * closing, law * into
     return rock
+
+
+@njit(**INLINED)
+def air_stiffness(m: np.ndarray) -> float:
+    """Stiffness in N/m of the enclosed air while it has lost no force."""
+    return m[AIR_STIFFNESS] + max(m[F_B], 0.0) * m[AIR_PER_LENGTH]
+
+
+@njit(**INLINED)
+def air_left(m: np.ndarray, lost: float) -> float:
+    """Share of the cylinder's force that is left where gas has lost a force in N; 1 where its law is straight.
+
+    By Boyle's law the force is F_b l / (l + x), and x' = v1 - x / tau. With q = F_b x / (l + x) in the place of the
+    stroke x that the supply has not refilled, q' = F_b / l (1 - q / F_b)^2 v1 - q (1 - q / F_b) / tau.
+    """
+    if m[AIR_PER_LENGTH] == 0.0 or m[F_B] <= 0.0:
+        return 1.0
+    return max(1.0 - lost / m[F_B], LEAST_AIR)
 
 
 @njit(**INLINED)

@@ -169,7 +169,8 @@ class Peer:
         self.drive = lambda asked: asked
         self.wave = None
         self.on_shaker = self.on_indenter = lambda t: 0.0
-        self.air = (0.0, 1.0)
+        self.air = lambda lost, v1: 0.0
+        """How fast the cylinder loses force, in N/s."""
         self.mount = None
         self.factor_at = lambda t, impacts: 1.0
         self.grips = (0.0, 0.0)
@@ -242,10 +243,8 @@ class Peer:
             ) / mass
         if self.regime != FREE and isinstance(self.contact, Tangent):
             rock_rate = self.contact.rate(z[ROCK_FORCE]) * (z[V2] - z[FACE_SPEED])
-        stiffness, tau = self.air
-        lost = stiffness * z[V1] - z[LOST] / tau
         bent = [self.bending(mass, z) for mass in range(2)]
-        return [z[V1], z[V2], a1, a2, z[FACE_SPEED], face_bend, lost, rock_rate, *bent]
+        return [z[V1], z[V2], a1, a2, z[FACE_SPEED], face_bend, self.air(z[LOST], z[V1]), rock_rate, *bent]
 
     def bending(self, mass, z):
         """How fast bristles bend, in m/s."""

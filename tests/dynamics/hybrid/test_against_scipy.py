@@ -56,7 +56,18 @@ class Case(NamedTuple):
 
 
 def air_spring(peer, k_a, tau):
-    peer.air = (k_a, tau)
+    peer.air = lambda lost, v1: k_a * v1 - lost / tau
+
+
+def enclosed_gas(peer, g_a, tau):
+    """Boyle's law, by the stroke x that the supply has not refilled: (F_b - lost) (l + x) = F_b l."""
+    length, f_b = 1.0 / g_a, peer.f_b
+
+    def rate(lost, v1):
+        x = length * lost / (f_b - lost)
+        return f_b * length / (length + x) ** 2 * (v1 - x / tau)
+
+    peer.air = rate
 
 
 def backlash(peer, g, y0):
@@ -156,6 +167,7 @@ def hardening(peer, k3):
 
 EQUATIONS = [
     Case("air-spring", {"k_a": 8.5e4, "tau": 0.3}, air_spring),
+    Case("air-spring", {"g_a": 300.0, "tau": 0.2}, enclosed_gas, name="air-spring-gas"),
     Case("backlash", {"g": 6e-4, "y0": -5e-5}, backlash, AT_95),
     Case("contact-power-law", {"n": 1.35}, power_law),
     Case("contact-power-law", {"n": 1.35}, power_law, AT_110, "contact-power-law-at-110"),

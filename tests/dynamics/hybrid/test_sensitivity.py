@@ -13,6 +13,7 @@ from drillenv.dynamics.hybrid.run import SAMPLE_COLUMNS, extras_table, integrate
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
 from drillenv.dynamics.hybrid.sensitivity import LAW, Columns, by_state, make_variation, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
+    AIR_PER_LENGTH,
     AIR_RATE,
     AIR_STIFFNESS,
     BENT1,
@@ -73,6 +74,7 @@ MORE = {
         "indenter-friction",
         {"fc2": 40.0, "ds2": 1e-5, "sd2": 150.0, "rs2": 0.4, "vr2": 0.05},
     ),
+    "enclosed gas": ("air-spring", {"g_a": 300.0, "tau": 0.2}),
     "a force that pulls": ("tabulated-rate-force", {"x": [-1.0, 1.0], "y": [-400.0, 400.0]}),
     "a tangent": ("tabulated-loading", {"x": [0.0, 300.0, 800.0, 2000.0], "y": [0.4, 0.8, 1.0, 1.1]}),
 }
@@ -110,7 +112,7 @@ class Bench:
         self.run(self.begin, 10.37, True)
         self.moving = [Y, V1, V2, W]
         self.moving += [U, UD] if self.model.s[MOUNT_SQUARE] else []
-        self.moving += [Q] if self.model.s[AIR_STIFFNESS] else []
+        self.moving += [Q] if self.model.s[AIR_STIFFNESS] or self.model.s[AIR_PER_LENGTH] else []
         self.moving += [BENT1] if self.model.s[BRISTLES1] else []
         self.moving += [BENT2] if self.model.s[BRISTLES2] else []
         self.moving += range(OWN, self.model.tally)
@@ -189,9 +191,9 @@ def test_tangent_of_the_return_map(name):
         assert np.max(np.abs(by_equations - by_differences)) < 1e-5 * np.max(np.abs(by_differences))
 
 
-SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_RATE, DRIVE_LAG,
-           ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2, SLIDING1,
-           SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2]  # fmt: skip
+SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_PER_LENGTH,
+           AIR_RATE, DRIVE_LAG, ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2,
+           SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2]  # fmt: skip
 """By which a column may be."""
 
 

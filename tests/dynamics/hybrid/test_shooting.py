@@ -44,6 +44,7 @@ EFFECTS = {
         make("rock-mount-compliance", s_r=2e-8, m_r=40.0, zeta_r=0.1),
         make("air-spring", k_a=5e4, tau=0.2),
     ),
+    "gas": (make("air-spring", g_a=300.0, tau=0.2),),
     "grip": (make("guide-friction", fc1=40.0, vs1=0.0), make("stiffness-hardening", k3=5e9)),
     "bristles": (
         make("guide-friction", fc1=40.0, ds1=1e-6),
@@ -160,8 +161,8 @@ def by_states(effects, model, begin):
 def by_scalars(effects, model, begin):
     """By every scalar that a column may be by, where it is there, and by the phase and the impacts before."""
     scalars = [V.M1, V.M2, V.K, V.C, V.F_A, V.F_B, V.KL, V.KU, V.MOUNT_GAIN, V.MOUNT_SQUARE, V.MOUNT_DAMPING]
-    scalars += [V.AIR_STIFFNESS, V.AIR_RATE, V.GRIP1, V.DRIVE_LAG, V.ROTATION_SHARE, V.ROTATION_PHASE, V.ROTATION_RATE]
-    scalars += [V.BRISTLES1, V.BRISTLES2, V.SLIDING1, V.SLIDING2]
+    scalars += [V.AIR_STIFFNESS, V.AIR_PER_LENGTH, V.AIR_RATE, V.GRIP1, V.DRIVE_LAG]
+    scalars += [V.ROTATION_SHARE, V.ROTATION_PHASE, V.ROTATION_RATE, V.BRISTLES1, V.BRISTLES2, V.SLIDING1, V.SLIDING2]
     found = []
     for scalar in scalars:
         step = (1e-3 if scalar == V.AIR_RATE else 1e-5) * abs(model.s[scalar])
