@@ -454,16 +454,18 @@ def with_finer_law(
 ) -> Fitted | None:
     """The fit with a finer law where none is called for but the model is not close: corners leave much, coarsely drawn.
 
-    The law that explains most comes first; None where none gets finer.
+    The law that explains most comes first; None where none gets finer and explains a part of what is left by that.
     """
     if fitted.per_freedom < CLOSE:
         return None
+    left = LAW_LEFT * (fitted.cost - 0.5 * fitted.freedom)
     for step in sorted(steps, key=lambda each: -each.gain):
         curved = any(isinstance(each, Curve | Gain) for each in step.terms)
         if curved and step.named.equation is None and step.detail < DETAILS[-1] and step.terms == step.family.terms:
             step.detail *= 2
             finer = with_detail(data, fitted, step.family, step.detail, pool)
-            if finer.cost < fitted.cost - penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted):
+            more = penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted)
+            if finer.cost < fitted.cost - max(more, left):
                 say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
                 names = {each.name for each in step.terms}
                 step.terms = tuple(each for each in finer.structure.terms if each.name in names)
