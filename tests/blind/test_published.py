@@ -65,11 +65,26 @@ def test_earlier_trials_are_told_as_they_were(folder):
     assert f"| {total['no_answer']['hits']} |" in row
 
 
-@pytest.mark.parametrize("folder", sorted((TRIAL / "one-body").iterdir()), ids=lambda each: each.name)
-def test_trials_of_single_bodies_are_told_as_they_were(folder):
+@pytest.mark.parametrize("folder", sorted((TRIAL / "nulls").iterdir()), ids=lambda each: each.name)
+def test_false_alarms_are_told_as_they_were(folder):
+    record = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+    alarms = record["summary"]["false_alarms"]
+    claim = f"{alarms['hits']} of {alarms['of']}"
+    assert f"False alarms in {claim}" in (TRIAL / "README.md").read_text(encoding="utf-8")
+    assert f"{claim} in [another]" in (ROOT / "README.md").read_text(encoding="utf-8")
+    # the bound on one side: none in n, by a rate that gives as little once in twenty
+    assert alarms["hits"] == 0 and 1.0 - 0.05 ** (1.0 / alarms["of"]) < 0.01
+
+
+@pytest.mark.parametrize(
+    "folder",
+    [*sorted((TRIAL / "one-body").iterdir()), *sorted((TRIAL / "nulls").iterdir())],
+    ids=lambda each: f"{each.parent.name} {each.name}",
+)
+def test_trials_of_single_bodies_and_of_nulls_are_told_as_they_were(folder):
     record = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
     page = (TRIAL / "README.md").read_text(encoding="utf-8")
-    assert record["rig"] == "one-body" and f"Seed {folder.name}" in page
+    assert str(record["seed"]) == folder.name and f"eed {folder.name}" in page
     assert (
         digest((folder / "answers.json").read_bytes()) == record["answers_sha256"] and record["answers_sha256"] in page
     )
