@@ -40,10 +40,10 @@ test test-fast: export OPENBLAS_NUM_THREADS = 1
 test test-fast: export OPENBLAS_CORETYPE = Haswell
 
 test: $(VENV)/dev.stamp
-	@$(BIN)/pytest -n $(JOBS)
+	@$(BIN)/pytest -n $(JOBS) --dist loadgroup
 
 test-fast: $(VENV)/dev.stamp
-	@$(BIN)/pytest -n $(JOBS) -m "not slow"
+	@$(BIN)/pytest -n $(JOBS) --dist loadgroup -m "not slow"
 
 package: $(VENV)/dev.stamp
 	@DRILLENV_THOROUGH=1 $(BIN)/pytest tests/test_package.py

@@ -213,8 +213,7 @@ def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor)
         coarser = size
         finer = with_detail(data, fitted, family, detail, pool)
         more = finer.fit.shared.size - fitted.fit.shared.size
-        least = 0.5 * chi2.isf(FALSE_ALARMS, more) if more > 0 else 0.0
-        if finer.cost < fitted.cost - least:
+        if finer.cost < fitted.cost - penalty(more, fitted):
             fitted = finer
         elif more > 0:
             break

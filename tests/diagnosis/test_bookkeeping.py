@@ -10,6 +10,7 @@ from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
 from drillenv.diagnosis.bookkeeping import mislabelled_pressures, with_labels_corrected
 from drillenv.diagnosis.report import diagnose
 
+pytestmark = pytest.mark.xdist_group("bookkeeping")  # its campaigns take a minute to make: once is enough
 SITE = Site(drive=600.0, frequency=110.0)
 CONCEALED = ("contact-rate", "contact-toe", "damping-quadratic", "drive-droop", "rock-compaction", "sensor-offset")
 

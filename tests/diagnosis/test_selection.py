@@ -101,7 +101,7 @@ def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypat
     structure = Fake(rig=rig, axes=None)
 
     def at(count: int, cost: float) -> Any:
-        return Fake(structure=structure, fit=Fake(shared=np.zeros(count)), cost=cost, per_freedom=1.01)
+        return Fake(structure=structure, fit=Fake(shared=np.zeros(count)), cost=cost, samples=SAMPLES)
 
     def with_detail(data, fitted, family, detail, pool):
         return at(6 * detail, fitted.cost - gains[6 * detail])
