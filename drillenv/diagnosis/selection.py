@@ -372,17 +372,12 @@ def forward(
                 steps[i] = identify_equation(data, fitted, step, pool, say)
                 fitted = steps[i].after
         named = {step.family.group for step in steps if step.named.equation is not None}
-        families = still_possible(fitted, steps, possible, pool)
-        scores, level = score_tests(fitted, [each for each in families if only is None or each.group in only], pool)
+        scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool, only), pool)
         level = level if earlier is None else min(level, earlier.level)
         # a step may be changed further on, and a search may be interrupted there
         keep(fitted, [replace(each) for each in steps], ScoreTests(scores, level))
         needed = [least_gain(each, fitted, steps, scores, dismissed) for each in scores]
-        best = ", ".join(
-            f"{each.family.name} {each.gain:.1f} ({each.cross_validated:.1f}) of {least:.1f}"
-            for each, least in zip(scores[:5], needed, strict=False)
-        )
-        say(f"score tests: {best}; p below {level:.2g}")
+        say(f"score tests: {largest(scores, needed)}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
         step = None
         if chosen and sum(not each.family.constant for each in steps) < MOST:
@@ -409,6 +404,14 @@ def forward(
         fitted = step.after
 
 
+def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
+    """The largest gains by the score test, on recordings left out, and the gains needed, for a person."""
+    return ", ".join(
+        f"{each.family.name} {each.gain:.1f} ({each.cross_validated:.1f}) of {least:.1f}"
+        for each, least in zip(scores[:5], needed, strict=False)
+    )
+
+
 def with_equations(data: Sequence[Any], fitted: Fitted, steps: list[Step], pool: Executor, say: Say) -> Fitted | None:
     """The fit with an equation in the place of a measured law, now that what was missing beside it is there; or None.
 
@@ -430,9 +433,13 @@ def with_equations(data: Sequence[Any], fitted: Fitted, steps: list[Step], pool:
 
 
 def still_possible(
-    fitted: Fitted, steps: Sequence[Step], possible: Collection[str] | None, pool: Executor
+    fitted: Fitted,
+    steps: Sequence[Step],
+    possible: Collection[str] | None,
+    pool: Executor,
+    only: Collection[str] | None = None,
 ) -> list[Family]:
-    """Families that are not there yet, of these names where any are given."""
+    """Families that are not there yet, of these names and of ``only`` these groups where any are given."""
     there = {step.family.group for step in steps}
     measured = {step.family.group for step in steps if step.named.equation is None}
     # of a mechanism that follows an equation, a free law may still correct it
@@ -441,8 +448,9 @@ def still_possible(
         for each in candidates(fitted)
         if each.group not in measured and not (each.has_states and each.group in there)
         if possible is None or each.name in possible
+        if only is None or each.group in only
     ]
-    if fitted.per_freedom > 1.0 + LEFT:
+    if only is None and fitted.per_freedom > 1.0 + LEFT:
         found += fitted.structure.rig.at_own_frequency(fitted, there, pool)
     scope, rig = fitted.structure.scope, fitted.structure.rig
     return found if scope is None else [each for each in found if scope.has(each, rig.mechanisms_of(each))]

@@ -84,7 +84,9 @@ def test_false_alarms_are_told_as_they_were(folder):
 def test_trials_of_single_bodies_and_of_nulls_are_told_as_they_were(folder):
     record = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
     page = (TRIAL / "README.md").read_text(encoding="utf-8")
-    assert str(record["seed"]) == folder.name and f"eed {folder.name}" in page
+    single = folder.parent.name == "one-body"
+    assert (record.get("rig") == "one-body") == single
+    assert str(record["seed"]) == folder.name and f"{'Seed' if single else '--seed'} {folder.name}" in page
     assert (
         digest((folder / "answers.json").read_bytes()) == record["answers_sha256"] and record["answers_sha256"] in page
     )

@@ -86,7 +86,7 @@ def test_a_dead_band_sets_the_noise(campaign):
     dead = campaign
     for each in campaign.recordings:
         dead = changed(dead, each.name, lambda name, x: np.where(abs(x) < 20.0, 0.0, x) if name == "force" else x)
-    report = diagnose(dead, only=["contact"])
+    report = diagnose(dead)
     assert named(report) == ["contact-rate"]
     assert any("dead band" in each for each in report.record["remarks"])
 
@@ -105,7 +105,7 @@ def test_recordings_without_any_noise(monkeypatch, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_few_recordings_say_what_they_cannot_prove(campaign, count):
-    report = diagnose(running(campaign, count), only=["contact"])
+    report = diagnose(running(campaign, count))
     assert named(report) == ["contact-rate"]
     held = report.record["fit"]["held_out"]
     if count == 1:
@@ -153,7 +153,7 @@ def test_coupled_channels_are_named(tmp_path):
     """Force by 0.5 Hz, acceleration by 1 Hz, as of every IEPE and piezoelectric sensor; the charge is each start's."""
     effect = make("sensor-highpass", corner_f=0.5, corner_a=1.0)
     folder = make_campaign(tmp_path / "made", rock(4), effects=[effect], recordings=6, seconds=0.3, seed=5)
-    record = diagnose(folder, only=["sensor"]).record
+    record = diagnose(folder).record
     (finding,) = record["findings"]
     assert finding["mechanism"] == "sensor-highpass"
     assert finding["parameters"]["corner_f"]["value"] == pytest.approx(0.5, abs=0.03)
@@ -163,7 +163,7 @@ def test_coupled_channels_are_named(tmp_path):
 @pytest.mark.slow
 def test_a_recording_too_short_is_left_out(campaign):
     short = changed(campaign, "r04", lambda _name, samples: samples[:600])
-    report = diagnose(short, only=["contact"])
+    report = diagnose(short)
     assert named(report) == ["contact-rate"]
     assert any(each.startswith("r04: ") and each.endswith("it is left out.") for each in report.record["remarks"])
 
