@@ -401,9 +401,9 @@ def linearise(
     j[W, V2], j[W, UD], j[U, UD] = 1.0, -1.0, 1.0
     j[UD, U], j[UD, UD] = -m[MOUNT_SQUARE] - mount_u, -m[MOUNT_DAMPING] - mount_v - m[MOUNT_GAIN] * rock_v
     j[UD, W], j[UD, V2] = m[MOUNT_GAIN] * rock_w, m[MOUNT_GAIN] * rock_v
-    left, fading = air_left(m, z[Q]), by_air_lost(m, z[Q])
+    left = air_left(m, z[Q])
     j[Q, V1] = air_stiffness(m) * left * left
-    j[Q, Q] = (2.0 * air_stiffness(m) * left * z[V1] - m[AIR_RATE] * z[Q]) * fading - m[AIR_RATE] * left
+    j[Q, Q] = by_air_left(m, z) * by_air_lost(m, z[Q]) - m[AIR_RATE] * left
     for mass in range(2):
         lin[BY_SLIDING1 + mass] = 0.0
         if m[BRISTLES1 + mass] > 0.0:
@@ -415,6 +415,12 @@ def by_air_lost(m: np.ndarray, lost: float) -> float:
     """Derivative of the share of the cylinder's force that is left by the force lost, in 1/N."""
     gives = m[AIR_PER_LENGTH] > 0.0 and m[F_B] > 0.0 and air_left(m, lost) > LEAST_AIR
     return -1.0 / m[F_B] if gives else 0.0
+
+
+@njit(**INLINED)
+def by_air_left(m: np.ndarray, z: np.ndarray) -> float:
+    """Derivative by the share of the cylinder's force that is left, of how fast the cylinder loses force, in N/s."""
+    return 2.0 * air_stiffness(m) * air_left(m, z[Q]) * z[V1] - m[AIR_RATE] * z[Q]
 
 
 @njit(**INNER)
@@ -489,8 +495,7 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[AIR_PER_LENGTH, BY_Q] = max(m[F_B], 0.0) * left * left * z[V1]
     by[F_B, BY_Q] = m[AIR_PER_LENGTH] * left * left * z[V1]
     if m[F_B] > 0.0:
-        by_left = 2.0 * air_stiffness(m) * left * z[V1] - m[AIR_RATE] * z[Q]
-        by[F_B, BY_Q] -= by_left * by_air_lost(m, z[Q]) * z[Q] / m[F_B]
+        by[F_B, BY_Q] -= by_air_left(m, z) * by_air_lost(m, z[Q]) * z[Q] / m[F_B]
     for mass in range(2):
         stiff = m[BRISTLES1 + mass]
         giving = dz[BENT1 + mass] / stiff if stiff > 0.0 else z[V1 + mass]
