@@ -65,6 +65,7 @@ def page(record: Mapping[str, Any], place: Path) -> str:
         record=record,
         rig=record.get("rig", "percussive-drill"),
         campaigns=len(marks),
+        concealing=sum(bool(each["truth"] or each["wrong"]) for each in marks),
         command=_command(record),
         headline=list(_headline(marks, summary)),
         cost=_cost(summary),

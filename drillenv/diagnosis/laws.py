@@ -601,11 +601,11 @@ def kinds_of_spring(curve: Curve, values: Floats, precision: Floats, x: Floats, 
 def kind_of_contact(stiffness: Floats) -> str:
     """What a contact's law is, by the logarithm of its stiffness over that stated, (n,) over the force.
 
-    A soft layer is softer at first, and ends in the rock's own stiffness.
+    A soft layer is softer at first, and ends in the rock's own stiffness. By means over sixths of the force: at its
+    ends alone, a law is hardly seen.
     """
-    *_, before, end = np.array_split(stiffness, 6)
-    straight = abs(float(end.mean() - before.mean())) < STRAIGHT_END
-    first, last = float(stiffness[0]), float(end.mean())
+    first, *_, before, last = (float(each.mean()) for each in np.array_split(stiffness, 6))
+    straight = abs(last - before) < STRAIGHT_END
     return SOFT_LAYER if straight and first < last and abs(last) < abs(first) else CURVED
 
 

@@ -150,9 +150,18 @@ def name_law(
     if not tried:
         return Named(family, family.mechanism, None, []), fitted
     best, found = tried[0]
-    # the nearest equation gives the mechanism its name as long as it explains most of what the law does
-    explains = found.cost - fitted.cost < MOST * gain
-    mechanism, *alike = fitted.structure.rig.mechanisms_by_law(fitted, family, best.effect if explains else "")
     if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns), fitted.samples):
         return Named(family, best.effect, best, nearest, (best, found.values_of(best.name))), found
-    return Named(family, mechanism, None, nearest, (best, found.values_of(best.name)), tuple(alike)), fitted
+    measured = Named(family, family.mechanism, None, nearest, (best, found.values_of(best.name)))
+    return named_by_law(measured, fitted, family, gain), fitted
+
+
+def named_by_law(named: Named, fitted: Fitted, family: Family, gain: float) -> Named:
+    """The same with the mechanism that a measured law, which a fit has as ``family``, is likeliest to be."""
+    if not named.nearest:
+        return named
+    # the nearest equation gives the mechanism its name as long as it explains most of what the law does
+    nearest, worse = named.nearest[0]
+    by_nearest = nearest.effect if worse < MOST * gain else ""
+    mechanism, *alike = fitted.structure.rig.mechanisms_by_law(fitted, family, by_nearest)
+    return replace(named, mechanism=mechanism, alike=tuple(alike))

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, joined, with_windows_freed
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
-from drillenv.diagnosis.naming import Named, name_law, with_more, without
+from drillenv.diagnosis.naming import Named, name_law, named_by_law, with_more, without
 from drillenv.diagnosis.solver import Floats, Limits, eliminated
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import (
@@ -364,6 +364,7 @@ def forward(
     steps = list(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     dismissed = set() if earlier is None else {each.family.group for each in earlier.scores}
+    left_out: set[str] = set()
     while True:
         # a model that has come close is to hold from window to window
         fitted = joined(data, fitted, pool, CONVERGED, fitted.noise)
@@ -372,7 +373,8 @@ def forward(
                 steps[i] = identify_equation(data, fitted, step, pool, say)
                 fitted = steps[i].after
         named = {step.family.group for step in steps if step.named.equation is not None}
-        scores, level = score_tests(fitted, still_possible(fitted, steps, possible, pool, only), pool)
+        tried = [each for each in still_possible(fitted, steps, possible, pool, only) if each.name not in left_out]
+        scores, level = score_tests(fitted, tried, pool)
         level = level if earlier is None else min(level, earlier.level)
         # a step may be changed further on, and a search may be interrupted there
         keep(fitted, [replace(each) for each in steps], ScoreTests(scores, level))
@@ -382,26 +384,31 @@ def forward(
         step = None
         if chosen and sum(not each.family.constant for each in steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
-        if step is None and (finer := with_finer_law(data, fitted, steps, pool, say)) is not None:
-            fitted = finer
+        if step is not None:
+            taken(steps, step)
+            fitted = step.after
             continue
-        if step is None and (other := with_equations(data, fitted, steps, pool, say)) is not None:
+        other = with_laws_changed(data, fitted, steps, pool, say, earlier is None)
+        if other is not None:
             fitted = other
             continue
-        if step is None and earlier is None and (other := exchanged(data, fitted, steps, pool, say)) is not None:
-            fitted = other
-            continue
-        if step is None:
-            tested = ScoreTests(scores, level)
-            least = misfit_allowance(fitted, steps, scores, dismissed)
-            return (*backward(data, fitted, steps, least, level, pool, say, found_here=earlier is None), tested)
-        corrected = next((each for each in steps if each.family.group == step.family.group), None)
-        if corrected is None:
-            steps.append(step)
-            step.beside = len(steps)
-        else:
-            corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
-        fitted = step.after
+        least = misfit_allowance(fitted, steps, scores, dismissed)
+        fitted, kept = backward(data, fitted, steps, least, level, pool, say, found_here=earlier is None)
+        if len(kept) == len(steps):
+            return fitted, steps, ScoreTests(scores, level)
+        # what is left out may have taken up a part of another family, beside all that was tested so far
+        left_out |= {each.family.name for each in steps} - {each.family.name for each in kept}
+        steps, possible = kept, None
+
+
+def taken(steps: list[Step], step: Step) -> None:
+    """Add a step, or where it corrects an equation that is there, its terms to that one's."""
+    corrected = next((each for each in steps if each.family.group == step.family.group), None)
+    if corrected is None:
+        steps.append(step)
+        step.beside = len(steps)
+    else:
+        corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
 
 
 def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
@@ -410,6 +417,20 @@ def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
         f"{each.family.name} {each.gain:.1f} ({each.cross_validated:.1f}) of {least:.1f}"
         for each, least in zip(scores[:5], needed, strict=False)
     )
+
+
+def with_laws_changed(
+    data: Sequence[Any], fitted: Fitted, steps: list[Step], pool: Executor, say: Say, found_here: bool
+) -> Fitted | None:
+    """The fit with a law that was found drawn finer, in an equation's words, or exchanged for a rival's; or None.
+
+    Rivals were fitted to the same samples only where the steps were ``found_here``.
+    """
+    finer = with_finer_law(data, fitted, steps, pool, say)
+    if finer is not None:
+        return finer
+    other = with_equations(data, fitted, steps, pool, say)
+    return exchanged(data, fitted, steps, pool, say) if other is None and found_here else other
 
 
 def with_equations(data: Sequence[Any], fitted: Fitted, steps: list[Step], pool: Executor, say: Say) -> Fitted | None:
@@ -725,8 +746,9 @@ def identify_equation(data: Sequence[Any], fitted: Fitted, step: Step, pool: Exe
         finer = refined(data, found, family, pool)
         fewer = finer.fit.shared.size - other.fit.shared.size
         if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
-            named.equation, other = None, finer
             terms = tuple(each for each in finer.structure.terms if each.name in {one.name for one in family.terms})
+            measured, other = replace(named, equation=None), finer
+            named = named_by_law(measured, finer, replace(family, terms=terms), gain)
     if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
         both, joint = corrected_equation(data, named, other, family, pool)
         # priors that make a law smooth are a part of its cost, and none of what a correction gains

@@ -131,6 +131,7 @@ FORCE = np.linspace(0.0, 1.0, GRID)
         (np.minimum(0.2 + 4.0 * np.sqrt(FORCE), 1.0), SOFT_LAYER),  # a parabola, then straight
         (1.0 - 0.9 * np.exp(-FORCE / 0.05), SOFT_LAYER),
         (1.2 * (1.0 - 0.9 * np.exp(-FORCE / 0.05)), SOFT_LAYER),  # the stated stiffness is a fifth off
+        (np.where(FORCE < 0.02, 1.6, np.where(FORCE < 0.6, 0.24, 1.0)), SOFT_LAYER),  # hardly seen at first
         (np.where(FORCE < 0.4, 1.0, 1.5), CURVED),  # stiffer than the rock is stated to be, beyond a depth
         (1.3 * np.maximum(FORCE, SOFTEST) ** (1.0 / 3.0), CURVED),  # a power of the depth of 3/2
         (0.9 * np.maximum(FORCE, SOFTEST) ** (-0.25), CURVED),  # of 4/5

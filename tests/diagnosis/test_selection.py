@@ -9,14 +9,14 @@ import pytest
 from drillenv.diagnosis import selection
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Curve
-from drillenv.diagnosis.selection import least_gain, penalty, refined, strength_shows
+from drillenv.diagnosis.selection import ScoreTests, forward, least_gain, penalty, refined, strength_shows
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
 SAMPLES = 20_000
 
 
 def fit(per_freedom: float, resolved: float = 0.0) -> Any:
-    return Fake(per_freedom=per_freedom, samples=SAMPLES, resolved=resolved)
+    return Fake(per_freedom=per_freedom, samples=SAMPLES, resolved=resolved, noise=[])
 
 
 def score(group: str, gain: float, freedom: int = 8, constant: str = "") -> Any:
@@ -25,8 +25,9 @@ def score(group: str, gain: float, freedom: int = 8, constant: str = "") -> Any:
 
 def step(group: str, gain: float, equation: object) -> Any:
     return Fake(
-        family=Fake(group=group, constant="", terms=(group,)),
+        family=Fake(name=group, group=group, constant="", terms=(group,)),
         named=Fake(equation=equation),
+        pending=False,
         gain_in=lambda fitted: gain,
     )
 
@@ -119,3 +120,33 @@ def test_what_a_free_law_leaves_is_at_most_half_of_what_is_left():
     scores = [score("mount", 0.9 * left), score("damper", 0.7 * left)]
     assert least_gain(scores[1], fit(1.02), [free], scores) == pytest.approx(0.5 * left)
     assert least_gain(scores[1], fit(1.02), [equation], scores) == pytest.approx(0.9 * left)
+
+
+def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
+    """Beside what is needless after all, another family looked like chance; what was left out is not tried again."""
+    steps = [step("guide", 90.0, None), step("mass", 60.0, None)]
+    mass, air = steps[1].family, Fake(name="air", group="air")
+    tried = []
+
+    def score_tests(fitted, families, pool):
+        tried.append([each.name for each in families])
+        return ScoreTests([], 0.01)
+
+    monkeypatch.setattr(selection, "joined", lambda data, fitted, *_: fitted)
+    monkeypatch.setattr(
+        selection,
+        "still_possible",
+        lambda fitted, steps, possible, *_: [each for each in (mass, air) if possible is None or each.name in possible],
+    )
+    monkeypatch.setattr(selection, "score_tests", score_tests)
+    monkeypatch.setattr(selection, "with_laws_changed", lambda *_: None)
+    monkeypatch.setattr(
+        selection,
+        "backward",
+        lambda data, fitted, steps, *_, **__: (fitted, [each for each in steps if each.family is not mass]),
+    )
+    monkeypatch.setattr(selection, "replace", lambda step: step)
+    earlier: Any = Fake(scores=[Fake(family=mass, p=0.01), Fake(family=air, p=0.5)], level=0.01)
+    _, kept, _ = forward([], fit(1.5), Any, before=steps, earlier=earlier)  # type: ignore[arg-type]
+    assert [each.family.name for each in kept] == ["guide"]
+    assert tried == [["mass"], ["air"]]
