@@ -333,6 +333,22 @@ def with_family(fitted: Fitted, family: Family, data: Sequence[Any], pool: Execu
     return fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
 
 
+def with_strength(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
+    """The fit with one more family that has states, from none of it and from a standard deviation of its strength.
+
+    With none of it, its frequency or time constant changes nothing (R. B. Davies, Biometrika 74 (1987) 33-43), and
+    where a model is far off, what more of it would gain is no guide.
+    """
+    found = with_family(fitted, family, data, pool, limits)
+    strength = family.unknowns[0]
+    if not math.isfinite(strength.std):
+        return found
+    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
+    start[-family.size] += strength.std / strength.width
+    strong = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise, True)
+    return min(found, strong, key=lambda each: each.cost)
+
+
 def candidates(fitted: Fitted) -> list[Family]:
     """Every family that a fit may be given, and constants that need not be as stated."""
     stated = [each.name for each in fitted.structure.terms[0].unknowns if math.isfinite(each.std)]
@@ -679,8 +695,11 @@ def refine_candidates(
 ) -> list[tuple[Score, Fitted]]:
     """Short fits of families, of which those near to the ``best`` cost so far are followed to their ends."""
     fits: list[tuple[Score, Fitted]] = []
+    half = 0.5 * (fitted.cost + 0.5 * fitted.freedom)
+    most_is_left = fitted.per_freedom > CLOSE and (best is None or best > half)
     for each in chosen:
-        fits.append((each, with_family(fitted, each.family, data, pool, SHORT)))
+        begun = with_strength if each.family.has_states and most_is_left else with_family
+        fits.append((each, begun(fitted, each.family, data, pool, SHORT)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:
         return fits
