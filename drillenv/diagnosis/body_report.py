@@ -23,7 +23,8 @@ from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import POINTS, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import without
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import ScoreTests, Step, regular
+from drillenv.diagnosis.score_tests import ScoreTests, regular
+from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, interpolate
 from drillenv.diagnosis.terms import ModelStructure, Term

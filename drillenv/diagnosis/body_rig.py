@@ -41,7 +41,7 @@ from drillenv.diagnosis.laws import (
     odd_with_step,
 )
 from drillenv.diagnosis.noise import peak_offset
-from drillenv.diagnosis.selection import best_frequency
+from drillenv.diagnosis.score_tests import best_frequency
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure, Term, Unknown, mean_amplitude

@@ -28,7 +28,7 @@ from drillenv.diagnosis.laws import (
     reparametrise_to_nominal,
 )
 from drillenv.diagnosis.noise import nuisance
-from drillenv.diagnosis.selection import best_frequency
+from drillenv.diagnosis.score_tests import best_frequency
 from drillenv.diagnosis.sensing import ACCELEROMETER, Sensor, kind_of_response, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency

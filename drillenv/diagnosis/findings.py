@@ -23,7 +23,8 @@ from drillenv.diagnosis.measured import (
 )
 from drillenv.diagnosis.naming import MOST
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import ScoreTests, Step
+from drillenv.diagnosis.score_tests import ScoreTests
+from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG

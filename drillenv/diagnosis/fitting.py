@@ -131,6 +131,11 @@ class Fitted:
         return {"of": names, "matrix": np.round(covariance / np.outer(scale, scale), 3).tolist()}
 
 
+def penalty(freedom: int, fitted: Fitted) -> float:
+    """Log-likelihood that parameters have to gain (G. Schwarz, Annals of Statistics 6 (1978) 461-464)."""
+    return 0.5 * freedom * float(np.log(fitted.samples))
+
+
 def priors_of(structure: ModelStructure) -> Priors:
     """Priors and bounds of a structure's parameters, in the solver's units."""
     unknowns = structure.unknowns

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from drillenv.diagnosis.coupling import from_rest
+from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Curve, Equation, Family
-from drillenv.diagnosis.selection import Fitted
 from drillenv.diagnosis.sensing import Added, Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats

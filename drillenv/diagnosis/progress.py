@@ -9,7 +9,8 @@ from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.selection import ScoreTests, Step
+from drillenv.diagnosis.score_tests import ScoreTests
+from drillenv.diagnosis.selection import Step
 
 
 class Stage(NamedTuple):

@@ -1,4 +1,4 @@
-"""Which families of missing physics the recordings call for: score tests, forward selection, backward elimination."""
+"""Which families of missing physics the recordings call for: forward selection and backward elimination."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from drillenv.diagnosis.adapter import RecordingProblem
-from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, joined, with_windows_freed
-from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
+from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, joined, penalty, with_windows_freed
+from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
 from drillenv.diagnosis.naming import Named, name_law, named_by_law, with_more, without
-from drillenv.diagnosis.solver import Floats, Limits, eliminated
-from drillenv.diagnosis.terms import ModelStructure, Term
+from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
+from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
+from drillenv.diagnosis.solver import Limits
+from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
@@ -26,277 +26,14 @@ from drillenv.diagnosis.thresholds import (
     LEFT,
     NEAR,
     POSSIBLE,
-    UNCONFIRMED,
 )
 
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
 MOST = 4
 """Families, at most."""
-DETAILS = (2, 4, 8)
-"""Resolutions of a free law that are tried."""
 PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
-
-
-class Score(NamedTuple):
-    """What a family would gain, by the score test."""
-
-    family: Family
-    gain: float
-    """In log-likelihood."""
-    freedom: int
-    p: float
-    cross_validated: float
-    """The gain on recordings that are left out: see :meth:`Information.cross_validated_gain`."""
-
-    @property
-    def size(self) -> int:
-        """Parameters that it adds; of one with states of its own only the strength shows where that is 0."""
-        return self.family.size if self.family.has_states else self.freedom
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether recordings that are left out gain too, or at least lose next to nothing.
-
-        Parameters that each recording has of its own, and those that one recording alone tells, gain nothing elsewhere.
-        """
-        return self.cross_validated > -UNCONFIRMED * self.gain
-
-
-class Information(NamedTuple):
-    """The log-likelihood near a fit, by all that is fitted (k) and parameters of more terms, by recordings."""
-
-    gradients: Floats
-    """(recordings, parameters)."""
-    hessians: Floats
-    """(recordings, parameters, parameters)."""
-    prior_gradient: Floats
-    prior_precision: Floats
-    known: int
-    """k."""
-
-    def reduced(self) -> tuple[Floats, Floats]:
-        """Gradient and Hessian by the parameters of more terms, all that is fitted already at its best."""
-        k = self.known
-        gradient = self.gradients.sum(axis=0) + self.prior_gradient
-        hessian = regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
-        solved = np.linalg.solve(hessian[:k, :k], np.column_stack([gradient[:k], hessian[:k, k:]]))
-        return gradient[k:] - hessian[k:, :k] @ solved[:, 0], hessian[k:, k:] - hessian[k:, :k] @ solved[:, 1:]
-
-    def cross_validated_gain(self, inside: NDArray[np.int64]) -> float:
-        """Log-likelihood that some of the parameters gain on each recording where the others say their values.
-
-        What is there gains on recordings that were left out; what only takes up misfit of another kind does not.
-        The others' gradient is followed by the Hessian of all recordings: of a direction that the one left out alone
-        says much of, the others say nothing that could be held against it.
-        """
-        total = 0.0
-        with_them = np.concatenate([np.arange(self.known), inside])
-        hessian = regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
-        for left_out in range(len(self.gradients)):
-            rest = np.arange(len(self.gradients)) != left_out
-            gradient = self.gradients[rest].sum(axis=0) + self.prior_gradient
-            for at, sign in ((with_them, 1.0), (np.arange(self.known), -1.0)):
-                step = -np.linalg.solve(hessian[np.ix_(at, at)], gradient[at])
-                own = self.gradients[left_out][at], self.hessians[left_out][np.ix_(at, at)]
-                total -= sign * float(own[0] @ step + 0.5 * step @ own[1] @ step)
-        return total
-
-
-def regular(hessian: Floats) -> Floats:
-    """A Hessian that can be solved where recordings say nothing of a parameter."""
-    own = np.diag(hessian)
-    return hessian + np.diag(1e-10 * own + 1e-12 * own.max())
-
-
-class ScoreTests(NamedTuple):
-    """Score tests of every family."""
-
-    scores: list[Score]
-    """The largest gain first."""
-    level: float
-    """The p-value that the smallest must not exceed."""
-
-
-def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants: Sequence[int] = ()) -> Information:
-    """By the parameters of more terms, at their start, all recordings' own unknowns eliminated.
-
-    Behind these come constants of the paper's model once more, of which then nothing is believed.
-    """
-    structure = replace(fitted.structure, terms=fitted.structure.terms + tuple(terms))
-    known = fitted.fit.shared.size
-    unknowns = structure.unknowns
-    shared = np.concatenate([fitted.fit.shared, [each.value / each.width for each in unknowns[known:]]])
-
-    def quadratic(block: RecordingProblem, own: Floats):
-        widened, begun = block.under(structure, own)
-        return eliminated(widened.quadratic(shared, begun), 0.0)[:2]
-
-    reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
-    weights = fitted.priors.weights
-    more = np.array([(each.width / each.std) ** 2 for each in unknowns[known:]] + [0.0] * len(constants))
-    each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
-    return Information(
-        np.array([each[0][each_once] for each in reduced]),
-        np.array([each[1][np.ix_(each_once, each_once)] for each in reduced]),  # pyright: ignore[reportCallIssue]
-        np.append(weights * (fitted.fit.shared - fitted.priors.centre), np.zeros(more.size)),
-        np.append(weights, more),
-        known,
-    )
-
-
-RARE = 0.05
-"""Above this, p-values of the bootstrap are taken for 1."""
-
-
-def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> ScoreTests:
-    """Every family's score test.
-
-    The p-value that the smallest must not exceed is drawn by a parametric bootstrap of the smallest p-value of all
-    families together (P. H. Westfall and S. S. Young, Resampling-Based Multiple Testing, Wiley, 1993, Section 2.3).
-    """
-    names = [each.name for each in fitted.structure.terms[0].unknowns]
-    together = sorted((each for each in tried if not each.has_states), key=lambda each: bool(each.constant))
-    batches = ([together] if together else []) + [[each] for each in tried if each.has_states]
-    scores, smallest = [], np.ones(20000)
-    rng = np.random.default_rng(seed)
-    for batch in batches:
-        terms = [term for each in batch for term in each.terms]
-        known = information(fitted, terms, pool, [names.index(each.constant) for each in batch if each.constant])
-        gradient, hessian = known.reduced()
-        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-        gradient, hessian = gradient / scale, hessian / scale[:, None] / scale
-        power, modes = np.linalg.eigh(hessian)
-        drawn = (rng.standard_normal((smallest.size, power.size)) * np.sqrt(np.maximum(power, 0.0))) @ modes.T
-        first = 0
-        for each in batch:
-            at = slice(first, first + each.size)
-            inside = known.known + np.arange(at.start, at.stop)
-            first += each.size
-            own, axes = np.linalg.eigh(hessian[at, at])
-            kept = own > 1e-7
-            turned = axes[:, kept] / np.sqrt(own[kept])
-            freedom = int(kept.sum())
-            gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
-            cross_validated = known.cross_validated_gain(inside)
-            p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, freedom)), 1.0)
-            scores.append(Score(each, gain, freedom, p, cross_validated))
-            sizes = ((drawn[:, at] @ turned) ** 2).sum(axis=1)
-            # the quantile that is asked for is far below
-            rare = sizes > chi2.isf(RARE, freedom)
-            smallest[rare] = np.minimum(smallest[rare], chi2.sf(sizes[rare], freedom))
-    return ScoreTests(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
-
-
-def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term], pool: Executor) -> int:
-    """Of frequencies (n,) that at which a term of its own has the largest score test's gain; ``term`` makes it."""
-    terms = [term(float(each)) for each in tried]
-    gradient, hessian = information(fitted, terms, pool).reduced()
-    gains = []
-    for i in range(tried.size):
-        at = slice(i * len(terms[0].unknowns), (i + 1) * len(terms[0].unknowns))
-        gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
-    return int(np.argmax(gains))
-
-
-def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same family over what motions visit now, of a higher resolution as long as that is seen."""
-    if not any(isinstance(each, Curve | Gain) for each in family.terms):
-        return fitted
-    rig, axes, coarser = fitted.structure.rig, fitted.structure.axes, family.size - 1
-    for detail in (1, *DETAILS):
-        size = next(each.size for each in rig.laws(fitted, axes, detail) if each.name == family.name)
-        if size <= coarser:
-            # the law is as fine already
-            continue
-        coarser = size
-        finer = with_detail(data, fitted, family, detail, pool)
-        more = finer.fit.shared.size - fitted.fit.shared.size
-        if finer.cost < fitted.cost - penalty(more, fitted):
-            fitted = finer
-        elif more > 0:
-            break
-    return smoothed(data, fitted, family, pool)
-
-
-def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
-    """The same with laws that are as smooth as makes their coefficients most likely.
-
-    The roughness penalty of P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121, as a prior, whose
-    scale has the largest marginal likelihood (S. N. Wood, Journal of the Royal Statistical Society B 73 (2011) 3-36)
-    by the quadratic of the log-likelihood about the fit.
-    """
-    names, first, terms = {each.name for each in family.terms}, 0, []
-    covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
-    for term in fitted.structure.terms:
-        inside = slice(first, first + len(term.unknowns))
-        first = inside.stop
-        if isinstance(term, Curve) and term.name in names:
-            stds = most_likely_prior(fitted.fit.shared[inside], covariance[inside, inside], term.roughness)
-            unknowns = zip(term.unknowns, stds, strict=True)
-            term = replace(term, unknowns=tuple(each._replace(std=each.width * std) for each, std in unknowns))
-        terms.append(term)
-    structure = replace(fitted.structure, terms=tuple(terms))
-    start, own = fitted.fit.shared, fitted.fit.own
-    return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise)
-
-
-def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> Floats:
-    """Standard deviations (m,) of a law's coefficients, in inverse proportion to the root of their roughness.
-
-    ``found`` (m,) are the coefficients as fitted, with their ``covariance`` (m, m).
-    """
-    shape = 1.0 / np.sqrt(np.maximum(roughness / roughness.max(), 1e-8))
-
-    def surprise(scale: float) -> float:
-        whole = covariance + np.diag((scale * shape) ** 2)
-        factor = np.linalg.cholesky(whole)
-        return float(np.log(np.diag(factor)).sum() + 0.5 * np.sum(np.linalg.solve(factor, found) ** 2))
-
-    size = float(np.sqrt(np.mean(found**2))) + 1e-12
-    return shape * min(size * np.geomspace(1e-4, 1e2, 61), key=surprise)
-
-
-def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
-    """The same family over what motions visit now, of so many times the resolution.
-
-    From constants as stated, what is straight in them being the law's, or where that does not lead back to as good a
-    fit, from constants as they are.
-    """
-    rig = fitted.structure.rig
-    known = on_axes(fitted.structure, rig.axes_at(fitted, pool))
-    places = [each.place for each in family.terms if isinstance(each, Curve)]
-    found = _on_finer(
-        data, fitted, known, rig.reparametrise_to_nominal(known, fitted.values, places), family, detail, pool
-    )
-    if found.cost > fitted.cost:
-        as_they_are = Equivalent(known.axes, fitted.values, {})
-        found = min(
-            found, _on_finer(data, fitted, known, as_they_are, family, detail, pool), key=lambda each: each.cost
-        )
-    return found
-
-
-def _on_finer(
-    data: Sequence[Any],
-    fitted: Fitted,
-    known: ModelStructure,
-    same: Equivalent,
-    family: Family,
-    detail: int,
-    pool: Executor,
-) -> Fitted:
-    """The fit of a family's law at a resolution, from parameters that are the ``same`` motion as a fit's."""
-    finer = next(each for each in known.rig.laws(fitted, same.axes, detail) if each.name == family.name)
-    terms, start = [], []
-    for term, own in zip(known.terms, known.split(same.values), strict=True):
-        other = next((each for each in finer.terms if each.name == term.name), term)
-        more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
-        terms.append(other)
-        start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
-    structure, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
-    return fit_to(data, structure, begun, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise, True)
 
 
 @dataclass
@@ -553,11 +290,6 @@ def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: 
 def criterion(other: Fitted, fitted: Fitted) -> float:
     """Negative log-likelihood with the penalty on parameters, of fits of the same samples as a given one."""
     return other.cost + penalty(other.fit.shared.size, fitted)
-
-
-def penalty(freedom: int, fitted: Fitted) -> float:
-    """Log-likelihood that parameters have to gain (G. Schwarz, Annals of Statistics 6 (1978) 461-464)."""
-    return 0.5 * freedom * float(np.log(fitted.samples))
 
 
 def least_gain(

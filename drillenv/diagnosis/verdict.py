@@ -35,7 +35,8 @@ from drillenv.diagnosis.progress import (
     Timed,
 )
 from drillenv.diagnosis.scope import Scope
-from drillenv.diagnosis.selection import ScoreTests, Step, forward
+from drillenv.diagnosis.score_tests import ScoreTests
+from drillenv.diagnosis.selection import Step, forward
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats, Limits, minimise

@@ -16,7 +16,7 @@ from drillenv.diagnosis.laws import (
     on_axes,
     wider,
 )
-from drillenv.diagnosis.selection import most_likely_prior
+from drillenv.diagnosis.resolution import most_likely_prior
 from drillenv.diagnosis.tables import GRID, MARGIN, interpolate
 from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.constitutive.places import WAVEFORM

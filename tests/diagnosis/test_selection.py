@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drillenv.diagnosis import selection
-from drillenv.diagnosis.fitting import Fitted
+from drillenv.diagnosis import resolution, selection
+from drillenv.diagnosis.fitting import Fitted, penalty
 from drillenv.diagnosis.laws import Curve
-from drillenv.diagnosis.selection import ScoreTests, forward, least_gain, penalty, refined, strength_shows
+from drillenv.diagnosis.resolution import refined
+from drillenv.diagnosis.score_tests import ScoreTests
+from drillenv.diagnosis.selection import forward, least_gain, strength_shows
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
 SAMPLES = 20_000
@@ -107,8 +109,8 @@ def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypat
     def with_detail(data, fitted, family, detail, pool):
         return at(6 * detail, fitted.cost - gains[6 * detail])
 
-    monkeypatch.setattr(selection, "with_detail", with_detail)
-    monkeypatch.setattr(selection, "smoothed", lambda data, fitted, family, pool: fitted)
+    monkeypatch.setattr(resolution, "with_detail", with_detail)
+    monkeypatch.setattr(resolution, "smoothed", lambda data, fitted, family, pool: fitted)
     found = refined([], at(size, 1e4), family(size), Fake())  # type: ignore[arg-type]
     assert found.fit.shared.size == expected
 

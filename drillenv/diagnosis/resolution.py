@@ -1,0 +1,117 @@
+"""How finely a measured law is drawn: as finely as the recordings call for, and as smooth as they allow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from drillenv.diagnosis.fitting import CONVERGED, Fitted, fit_to, penalty
+from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
+from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.terms import ModelStructure
+
+DETAILS = (2, 4, 8)
+"""Resolutions of a free law that are tried."""
+
+
+def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+    """The same family over what motions visit now, of a higher resolution as long as that is seen."""
+    if not any(isinstance(each, Curve | Gain) for each in family.terms):
+        return fitted
+    rig, axes, coarser = fitted.structure.rig, fitted.structure.axes, family.size - 1
+    for detail in (1, *DETAILS):
+        size = next(each.size for each in rig.laws(fitted, axes, detail) if each.name == family.name)
+        if size <= coarser:
+            # the law is as fine already
+            continue
+        coarser = size
+        finer = with_detail(data, fitted, family, detail, pool)
+        more = finer.fit.shared.size - fitted.fit.shared.size
+        if finer.cost < fitted.cost - penalty(more, fitted):
+            fitted = finer
+        elif more > 0:
+            break
+    return smoothed(data, fitted, family, pool)
+
+
+def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+    """The same with laws that are as smooth as makes their coefficients most likely.
+
+    The roughness penalty of P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121, as a prior, whose
+    scale has the largest marginal likelihood (S. N. Wood, Journal of the Royal Statistical Society B 73 (2011) 3-36)
+    by the quadratic of the log-likelihood about the fit.
+    """
+    names, first, terms = {each.name for each in family.terms}, 0, []
+    covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
+    for term in fitted.structure.terms:
+        inside = slice(first, first + len(term.unknowns))
+        first = inside.stop
+        if isinstance(term, Curve) and term.name in names:
+            stds = most_likely_prior(fitted.fit.shared[inside], covariance[inside, inside], term.roughness)
+            unknowns = zip(term.unknowns, stds, strict=True)
+            term = replace(term, unknowns=tuple(each._replace(std=each.width * std) for each, std in unknowns))
+        terms.append(term)
+    structure = replace(fitted.structure, terms=tuple(terms))
+    start, own = fitted.fit.shared, fitted.fit.own
+    return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise)
+
+
+def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> Floats:
+    """Standard deviations (m,) of a law's coefficients, in inverse proportion to the root of their roughness.
+
+    ``found`` (m,) are the coefficients as fitted, with their ``covariance`` (m, m).
+    """
+    shape = 1.0 / np.sqrt(np.maximum(roughness / roughness.max(), 1e-8))
+
+    def surprise(scale: float) -> float:
+        whole = covariance + np.diag((scale * shape) ** 2)
+        factor = np.linalg.cholesky(whole)
+        return float(np.log(np.diag(factor)).sum() + 0.5 * np.sum(np.linalg.solve(factor, found) ** 2))
+
+    size = float(np.sqrt(np.mean(found**2))) + 1e-12
+    return shape * min(size * np.geomspace(1e-4, 1e2, 61), key=surprise)
+
+
+def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
+    """The same family over what motions visit now, of so many times the resolution.
+
+    From constants as stated, what is straight in them being the law's, or where that does not lead back to as good a
+    fit, from constants as they are.
+    """
+    rig = fitted.structure.rig
+    known = on_axes(fitted.structure, rig.axes_at(fitted, pool))
+    places = [each.place for each in family.terms if isinstance(each, Curve)]
+    found = _on_finer(
+        data, fitted, known, rig.reparametrise_to_nominal(known, fitted.values, places), family, detail, pool
+    )
+    if found.cost > fitted.cost:
+        as_they_are = Equivalent(known.axes, fitted.values, {})
+        found = min(
+            found, _on_finer(data, fitted, known, as_they_are, family, detail, pool), key=lambda each: each.cost
+        )
+    return found
+
+
+def _on_finer(
+    data: Sequence[Any],
+    fitted: Fitted,
+    known: ModelStructure,
+    same: Equivalent,
+    family: Family,
+    detail: int,
+    pool: Executor,
+) -> Fitted:
+    """The fit of a family's law at a resolution, from parameters that are the ``same`` motion as a fit's."""
+    finer = next(each for each in known.rig.laws(fitted, same.axes, detail) if each.name == family.name)
+    terms, start = [], []
+    for term, own in zip(known.terms, known.split(same.values), strict=True):
+        other = next((each for each in finer.terms if each.name == term.name), term)
+        more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
+        terms.append(other)
+        start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
+    structure, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
+    return fit_to(data, structure, begun, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise, True)
