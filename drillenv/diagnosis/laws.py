@@ -68,6 +68,12 @@ LEAST_GRIP = 1e-6
 DRIVE_LAG = "drive_lag"
 
 
+DRAWN = 1e-3
+"""Of a corner, root mean square, that smooth functions leave where they draw it."""
+LACKING = 0.1
+"""Root mean square of what a law says of a straight line to 1, from which it has none."""
+ALIKE = 1e-6
+"""By which functions of root mean square 1 may differ and be the same."""
 SLOW = 30.0
 """Share of the highest speed below which free laws over a speed are as fine as above it, inverted."""
 MOST_IMPACTS = 1000.0
@@ -92,11 +98,48 @@ class Curve(Term):
     place: int = 0
     basis: Floats = field(default_factory=lambda: np.zeros((0, GRID)))
     """(coefficients, GRID), of root mean square 1, the smoothest first."""
+    corners: int = 0
+    """Functions, the last ones, that have a corner each."""
 
     @property
     def roughness(self) -> Floats:
-        """(coefficients,) mean square of each function's second difference."""
-        return np.mean(np.diff(self.basis, 2, axis=1) ** 2, axis=1)
+        """(coefficients less corners,) mean square of each smooth function's second difference."""
+        return np.mean(np.diff(self.basis[: len(self.basis) - self.corners], 2, axis=1) ** 2, axis=1)
+
+    def corner(self, x: Floats, at: float) -> Floats:
+        """(GRID,) a function with a corner at one argument, of the law's symmetry.
+
+        Nothing where smooth functions draw it, and of a periodic law, whose corners are those of one over the force.
+        It bends there, or where the law is the logarithm of a stiffness it jumps, as the slope of a force does that
+        bends. A level is no part of it where none is of the law, nor a straight line.
+
+        Args:
+            x: (GRID,) the axis of the law.
+            at: In the unit of the axis.
+        """
+        mirrored, straight, level = self.basis[:, ::-1], x / np.max(np.abs(x)), np.ones(GRID)
+        if np.allclose(self.basis, -mirrored, atol=ALIKE):
+            found = np.sign(x) * np.maximum(np.abs(x) - abs(at), 0.0)
+        elif np.allclose(self.basis, mirrored, atol=ALIKE):
+            found = np.maximum(np.abs(x) - abs(at), 0.0)
+        elif np.allclose(self.basis[:, 0], self.basis[:, -1], atol=ALIKE):
+            return np.zeros(GRID)
+        else:
+            found = np.where(x > at, 1.0, 0.0) if self.place in LOGARITHMS else np.maximum(x - at, 0.0)
+        found = found / max(float(np.std(found)), 1e-12)
+        smooth = np.vstack([self.basis, level]).T
+        if _beside(smooth, straight) > LACKING:
+            found = found - np.polynomial.Polynomial.fit(x, found, 1)(x)
+        nowhere = [i for i in (0, (GRID - 1) // 2, GRID - 1) if np.all(np.abs(self.basis[:, i]) < ALIKE)]
+        found = found - found[nowhere].mean() if nowhere else found
+        return found if _beside(np.column_stack([smooth, straight]), found) > DRAWN else np.zeros(GRID)
+
+    def with_corner(self, corner: Floats) -> Curve:
+        """The same with a function (GRID,) that has a corner."""
+        name, width = f"{self.name} corner {self.corners}", self.unknowns[0].width
+        more = coefficients(name, 1, width)[0]._replace(name=name)
+        basis = np.vstack([self.basis, corner])
+        return replace(self, unknowns=(*self.unknowns, more), basis=basis, corners=self.corners + 1)
 
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add the curve."""
@@ -620,6 +663,11 @@ def smoothest_first(basis: Floats) -> Floats:
     rows = np.linalg.svd(basis, full_matrices=False)[2][: len(basis)]
     bent = np.diff(rows, 2, axis=1)
     return np.asarray(np.linalg.eigh(bent @ bent.T)[1].T @ rows * math.sqrt(GRID), dtype=float)
+
+
+def _beside(columns: Floats, other: Floats) -> float:
+    """Root mean square of what columns (GRID, m) do not say of another one (GRID,)."""
+    return float(np.sqrt(np.mean((other - columns @ np.linalg.lstsq(columns, other, rcond=None)[0]) ** 2)))
 
 
 def _through_zero(basis: Floats) -> Floats:

@@ -10,12 +10,18 @@ from typing import Any
 import numpy as np
 
 from drillenv.diagnosis.fitting import CONVERGED, Fitted, fit_to, penalty
-from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, moved_to, on_axes
+from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, coefficients, moved_to, on_axes
+from drillenv.diagnosis.score_tests import most_promising
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.tables import GRID
 from drillenv.diagnosis.terms import ModelStructure
 
 DETAILS = (2, 4, 8)
 """Resolutions of a free law that are tried."""
+CORNERS = 4
+"""Of a law, at most."""
+PLACES_TRIED = 40
+"""On the axis of a law, where its corner may be."""
 
 
 def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -29,13 +35,77 @@ def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor)
             # the law is as fine already
             continue
         coarser = size
-        finer = with_detail(data, fitted, family, detail, pool)
-        more = finer.fit.shared.size - fitted.fit.shared.size
+        finer = with_corners(data, with_detail(data, fitted, family, detail, pool), family, pool)
+        more = freedom(finer) - freedom(fitted)
         if finer.cost < fitted.cost - penalty(more, fitted):
             fitted = finer
         elif more > 0:
             break
     return smoothed(data, fitted, family, pool)
+
+
+def freedom(fitted: Fitted) -> int:
+    """Parameters, and where the laws' corners are."""
+    terms = fitted.structure.terms
+    return fitted.fit.shared.size + sum(term.corners for term in terms if isinstance(term, Curve))
+
+
+def with_corners(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+    """The same with corners in the family's laws where they are seen, each where its score test gains most.
+
+    A law that is smooth but for a corner would else need as fine a resolution everywhere as there.
+    """
+    names = {each.name for each in family.terms}
+    for _ in range(CORNERS):
+        curves = [each for each in fitted.structure.terms if isinstance(each, Curve) and each.name in names]
+        places = np.linspace(0.0, GRID - 1.0, PLACES_TRIED + 2)[1:-1]
+        tried = [(each, at) for each in curves for at in places]
+        found = best_corner(fitted, tried, pool)
+        if found is None:
+            return fitted
+        curve, at = tried[found]
+        tried = [(curve, each) for each in at + (places[1] - places[0]) * np.linspace(-1.0, 1.0, PLACES_TRIED)]
+        found = best_corner(fitted, tried, pool)
+        if found is None:
+            return fitted
+        other = with_corner(data, fitted, *tried[found], pool)
+        if other.cost > fitted.cost - penalty(2, fitted):
+            return fitted
+        fitted = other
+    return fitted
+
+
+def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]], pool: Executor) -> int | None:
+    """Of corners of curves at positions on their axes the one that promises most; None where none is seen."""
+    terms, kept = [], []
+    for i, (curve, at) in enumerate(tried):
+        corner = corner_at(fitted, curve, at)
+        if corner.any():
+            single = coefficients(f"corner {i}", 1, curve.unknowns[0].width)
+            terms.append(Curve(f"corner {i}", single, curve.place, corner[None, :]))
+            kept.append(i)
+    if not terms:
+        return None
+    best, gain = most_promising(fitted, terms, pool)
+    return kept[best] if gain > penalty(2, fitted) else None
+
+
+def corner_at(fitted: Fitted, curve: Curve, at: float) -> Floats:
+    """(GRID,) a corner at a position on the curve's axis."""
+    x = fitted.structure.axes.points(curve.place)
+    return curve.corner(x, float(np.interp(at, np.arange(GRID), x)))
+
+
+def with_corner(data: Sequence[Any], fitted: Fitted, curve: Curve, at: float, pool: Executor) -> Fitted:
+    """The fit with a corner of a curve at a position on its axis."""
+    terms, start = [], []
+    for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.fit.shared), strict=True):
+        with_it = term.name == curve.name
+        terms.append(curve.with_corner(corner_at(fitted, curve, at)) if with_it else term)
+        start.append(np.append(own, 0.0) if with_it else own)
+    structure = replace(fitted.structure, terms=tuple(terms))
+    start, own = np.concatenate(start), fitted.fit.own
+    return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise, True)
 
 
 def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -51,9 +121,11 @@ def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor
         inside = slice(first, first + len(term.unknowns))
         first = inside.stop
         if isinstance(term, Curve) and term.name in names:
-            stds = most_likely_prior(fitted.fit.shared[inside], covariance[inside, inside], term.roughness)
-            unknowns = zip(term.unknowns, stds, strict=True)
-            term = replace(term, unknowns=tuple(each._replace(std=each.width * std) for each, std in unknowns))
+            smooth = slice(inside.start, inside.stop - term.corners)
+            stds = most_likely_prior(fitted.fit.shared[smooth], covariance[smooth, smooth], term.roughness)
+            unknowns = zip(term.unknowns, stds, strict=False)
+            as_smooth = tuple(each._replace(std=each.width * std) for each, std in unknowns)
+            term = replace(term, unknowns=as_smooth + term.unknowns[len(as_smooth) :])
         terms.append(term)
     structure = replace(fitted.structure, terms=tuple(terms))
     start, own = fitted.fit.shared, fitted.fit.own
@@ -110,6 +182,9 @@ def _on_finer(
     terms, start = [], []
     for term, own in zip(known.terms, known.split(same.values), strict=True):
         other = next((each for each in finer.terms if each.name == term.name), term)
+        if isinstance(term, Curve) and isinstance(other, Curve) and other is not term:
+            for corner in term.basis[len(term.basis) - term.corners :]:
+                other = other.with_corner(corner)
         more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
         terms.append(other)
         start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))

@@ -169,12 +169,18 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     return ScoreTests(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 
+def most_promising(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> tuple[int, float]:
+    """Which of some terms has the largest score test's gain, each on its own, and that gain."""
+    gradient, hessian = information(fitted, terms, pool).reduced()
+    gains, first = [], 0
+    for term in terms:
+        at = slice(first, first + len(term.unknowns))
+        first = at.stop
+        gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
+    best = int(np.argmax(gains))
+    return best, gains[best]
+
+
 def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term], pool: Executor) -> int:
     """Of frequencies (n,) that at which a term of its own has the largest score test's gain; ``term`` makes it."""
-    terms = [term(float(each)) for each in tried]
-    gradient, hessian = information(fitted, terms, pool).reduced()
-    gains = []
-    for i in range(tried.size):
-        at = slice(i * len(terms[0].unknowns), (i + 1) * len(terms[0].unknowns))
-        gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
-    return int(np.argmax(gains))
+    return most_promising(fitted, [term(float(each)) for each in tried], pool)[0]

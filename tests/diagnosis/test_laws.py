@@ -119,6 +119,41 @@ def test_a_waveform_of_the_lowest_resolution_holds_crossover_distortion():
     assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(lost**2))
 
 
+@pytest.mark.parametrize(
+    ("group", "share", "true"),
+    [
+        ("drive", 0.8, lambda x, at: -np.maximum(x - at, 0.0)),  # clipped on the push
+        ("spring", 0.3, lambda x, at: np.maximum(x - at, 0.0)),
+        ("contact law", 0.4, lambda x, at: np.where(x <= at, -1.4, 0.0)),  # a toe of two lines
+        ("guide", 0.9, lambda x, at: np.sign(x) * np.minimum(np.abs(x), at)),
+        ("compaction", 0.9, lambda x, at: -0.4 * np.maximum(1.0 - x / at, 0.0)),  # a ramp
+    ],
+)
+def test_a_law_with_a_corner_is_drawn_by_one_function_more(group, share, true):
+    term = curve(group)
+    x = AXES.points(term.place)
+    at = float(x[round(share * (GRID - 1))])
+    law = true(x, at)
+    cornered = term.with_corner(term.corner(x, at))
+    assert (cornered.corners, len(cornered.unknowns)) == (1, len(term.unknowns) + 1)
+    assert np.array_equal(cornered.roughness, term.roughness)
+
+    def left(columns) -> float:
+        # where a spring is at rest, no recording says
+        level = np.ones((1, GRID)) if group == "spring" else np.zeros((0, GRID))
+        columns = np.vstack([columns, level]).T
+        return float(np.sqrt(np.mean((law - columns @ np.linalg.lstsq(columns, law)[0]) ** 2)))
+
+    assert left(cornered.basis) < 0.2 * left(term.basis)
+    zeros = [i for i in (0, (GRID - 1) // 2, GRID - 1) if np.all(np.abs(term.basis[:, i]) < 1e-9)]
+    assert np.all(np.abs(cornered.basis[-1, zeros]) < 1e-9)
+
+
+def test_a_waveform_has_no_corners_of_its_own():
+    term = curve("waveform")
+    assert not term.corner(AXES.points(WAVEFORM), 1.0).any()
+
+
 SOFTEST = 0.02
 FORCE = np.linspace(0.0, 1.0, GRID)
 """Of the rock, over the largest."""

@@ -101,7 +101,7 @@ def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypat
         return Fake(name="drive", size=count, terms=(Curve("drive", ()),))
 
     rig = Fake(laws=lambda fitted, axes, detail: [family(6 * detail)])
-    structure = Fake(rig=rig, axes=None)
+    structure = Fake(rig=rig, axes=None, terms=())
 
     def at(count: int, cost: float) -> Any:
         return Fake(structure=structure, fit=Fake(shared=np.zeros(count)), cost=cost, samples=SAMPLES)
@@ -110,6 +110,7 @@ def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypat
         return at(6 * detail, fitted.cost - gains[6 * detail])
 
     monkeypatch.setattr(resolution, "with_detail", with_detail)
+    monkeypatch.setattr(resolution, "with_corners", lambda data, fitted, family, pool: fitted)
     monkeypatch.setattr(resolution, "smoothed", lambda data, fitted, family, pool: fitted)
     found = refined([], at(size, 1e4), family(size), Fake())  # type: ignore[arg-type]
     assert found.fit.shared.size == expected
