@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drillenv.diagnosis.fitting import CONVERGED, Fitted, fit_to, penalty
+from drillenv.diagnosis.fitting import CONVERGED, SHORT, Fitted, fit_to, penalty
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, coefficients, moved_to, on_axes
 from drillenv.diagnosis.score_tests import most_promising
 from drillenv.diagnosis.solver import Floats
@@ -29,25 +29,20 @@ def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor)
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
     rig, axes, coarser = fitted.structure.rig, fitted.structure.axes, family.size - 1
+    fitted = with_corners(data, fitted, family, pool)
     for detail in (1, *DETAILS):
         size = next(each.size for each in rig.laws(fitted, axes, detail) if each.name == family.name)
         if size <= coarser:
             # the law is as fine already
             continue
         coarser = size
-        finer = with_corners(data, with_detail(data, fitted, family, detail, pool), family, pool)
-        more = freedom(finer) - freedom(fitted)
+        finer = with_detail(data, fitted, family, detail, pool)
+        more = finer.fit.shared.size - fitted.fit.shared.size
         if finer.cost < fitted.cost - penalty(more, fitted):
-            fitted = finer
+            fitted = with_corners(data, finer, family, pool)
         elif more > 0:
             break
     return smoothed(data, fitted, family, pool)
-
-
-def freedom(fitted: Fitted) -> int:
-    """Parameters, and where the laws' corners are."""
-    terms = fitted.structure.terms
-    return fitted.fit.shared.size + sum(term.corners for term in terms if isinstance(term, Curve))
 
 
 def with_corners(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
@@ -105,7 +100,7 @@ def with_corner(data: Sequence[Any], fitted: Fitted, curve: Curve, at: float, po
         start.append(np.append(own, 0.0) if with_it else own)
     structure = replace(fitted.structure, terms=tuple(terms))
     start, own = np.concatenate(start), fitted.fit.own
-    return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise, True)
+    return fit_to(data, structure, start, own, pool, fitted.weight, SHORT, fitted.noise)
 
 
 def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:

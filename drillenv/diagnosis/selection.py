@@ -114,7 +114,7 @@ def forward(
     samples, only those are tested again that may yet be there, at the same level. ``keep`` is told what has been found
     each time that something has. Families of ``only`` these groups, where any are given.
     """
-    steps = list(before)
+    steps = copied(before)
     possible = None if earlier is None else {each.family.name for each in earlier.scores if each.p < POSSIBLE}
     dismissed = set() if earlier is None else {each.family.group for each in earlier.scores}
     left_out: set[str] = set()
@@ -129,8 +129,8 @@ def forward(
         tried = [each for each in still_possible(fitted, steps, possible, pool, only) if each.name not in left_out]
         scores, level = score_tests(fitted, tried, pool)
         level = level if earlier is None else min(level, earlier.level)
-        # a step may be changed further on, and a search may be interrupted there
-        keep(fitted, [replace(each) for each in steps], ScoreTests(scores, level))
+        # a search may be interrupted further on
+        keep(fitted, copied(steps), ScoreTests(scores, level))
         needed = [least_gain(each, fitted, steps, scores, dismissed) for each in scores]
         say(f"score tests: {largest(scores, needed)}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
@@ -152,6 +152,11 @@ def forward(
         # what is left out may have taken up a part of another family, beside all that was tested so far
         left_out |= {each.family.name for each in steps} - {each.family.name for each in kept}
         steps, possible = kept, None
+
+
+def copied(steps: Sequence[Step]) -> list[Step]:
+    """Steps that stay as they are while the search goes on and changes its own."""
+    return [replace(each, named=replace(each.named)) for each in steps]
 
 
 def taken(steps: list[Step], step: Step) -> None:

@@ -509,24 +509,7 @@ def estimate_states_of(
         own = free
         for weight in [*(each for each in GRADUAL if each > fitted.weight), fitted.weight]:
             block, own = settle(weight, own)
-    if beginning is not None and block.per_sample(shared, own) > CLOSE:
-        further, at = continued(each, fitted, level, beginning)
-        if further.cost(shared, at) < block.cost(shared, own):
-            block, own = further, at
     return StateEstimate(block, own, shared)
-
-
-def continued(each: Conditioned, fitted: Fitted, level: Noise, beginning: WarmStart) -> tuple[ShootingProblem, Floats]:
-    """A recording's block with own unknowns that go on, window by window, from those that are known."""
-    shared, states = fitted.fit.shared, beginning.states
-    block = ShootingProblem(each.first(len(states)), fitted.structure, fitted.weight, level)
-    own = np.concatenate([states.ravel(), beginning.behind, np.zeros(len(block.lines))])
-    for windows in range(len(states) + 1, len(each.starts)):
-        model, kept = block.structure.model(shared * block.widths, block.point), block.state_count(own)
-        end = block.owned(block.integrate(model, own).ends, block.labelled(own, model), kept)[-1]
-        block = ShootingProblem(each.first(windows), fitted.structure, fitted.weight, level)
-        own = block.estimate_states(shared, np.insert(own, (windows - 1) * kept, end))
-    return block, own
 
 
 QUARTER = 0.25

@@ -101,7 +101,7 @@ def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypat
         return Fake(name="drive", size=count, terms=(Curve("drive", ()),))
 
     rig = Fake(laws=lambda fitted, axes, detail: [family(6 * detail)])
-    structure = Fake(rig=rig, axes=None, terms=())
+    structure = Fake(rig=rig, axes=None)
 
     def at(count: int, cost: float) -> Any:
         return Fake(structure=structure, fit=Fake(shared=np.zeros(count)), cost=cost, samples=SAMPLES)
@@ -148,7 +148,7 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
         "backward",
         lambda data, fitted, steps, *_, **__: (fitted, [each for each in steps if each.family is not mass]),
     )
-    monkeypatch.setattr(selection, "replace", lambda step: step)
+    monkeypatch.setattr(selection, "copied", list)
     earlier: Any = Fake(scores=[Fake(family=mass, p=0.01), Fake(family=air, p=0.5)], level=0.01)
     _, kept, _ = forward([], fit(1.5), Any, before=steps, earlier=earlier)  # type: ignore[arg-type]
     assert [each.family.name for each in kept] == ["guide"]
