@@ -48,7 +48,8 @@ def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor)
 def with_corners(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
     """The same with corners in the family's laws where they are seen, each where its score test gains most.
 
-    A law that is smooth but for a corner would else need as fine a resolution everywhere as there.
+    A law that is smooth but for a corner would else need as fine a resolution everywhere as there. A corner has to gain
+    what two parameters have to, its size and its place.
     """
     names = {each.name for each in family.terms}
     for _ in range(CORNERS):

@@ -108,7 +108,7 @@ def forward(
     keep: Keep = lambda *_: None,
     only: Collection[str] | None = None,
 ) -> tuple[Fitted, list[Step], ScoreTests]:
-    """Add families as long as one is called for, then leave out those that the others make needless.
+    """Add families as long as one is called for, leave out those that the others make needless, and go on without them.
 
     ``before`` are steps that the fit has taken already. Of families that were tested ``earlier`` on a part of the same
     samples, only those are tested again that may yet be there, at the same level. ``keep`` is told what has been found
