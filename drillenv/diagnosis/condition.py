@@ -223,7 +223,7 @@ def spring_from_force(
 
 
 def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, rate: float, omega: float) -> np.ndarray:
-    """(n,) what the load cell shows off the rock in N: its zero, a mass it carries, and the mains.
+    """(n,) what the load cell shows off the rock in N: its zero with a drift, a mass it carries, and the mains.
 
     Each where it is more than noise. Flights are the lowest part of the force: what lies within noise of its twentieth
     part, and of what is read there. Mains in step with the excitation of ``omega`` rad/s are not read: light presses on
@@ -234,20 +234,24 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     level = level if abs(level) > noise else 0.0
     own, time = np.ones_like(force), np.arange(force.size) / rate
     hums = {orders: _hums(time, omega, orders) for orders in ORDERS}
-    best, found, hummed = 0.0, np.full(force.size, level), False
+    least, found, hummed, zero = 0.0, np.full(force.size, level), False, [own]
+    drift = _read_off(force, np.column_stack([own, time]), level, noise)
+    if drift is not None and drift.gain > HUM:
+        least, found, zero = drift.gain, drift.said, [own, time]
+    best, mass_at = least, len(zero)
     # the simplest come first, others have to say more than these, and overtones more than their fundamental
     for orders, some_mass in (((1,), False), ((), True), ((1,), True), (ORDERS[-1], False), (ORDERS[-1], True)):
-        if (orders and some_mass and best == 0.0) or (len(orders) > 1 and not hummed):
+        if (orders and some_mass and best == least) or (len(orders) > 1 and not hummed):
             break
         needed = best + HUM
         for hum in hums[orders] if orders else [()]:
-            columns = (own, acceleration, *hum) if some_mass else (own, *hum)
+            columns = (*zero, acceleration, *hum) if some_mass else (*zero, *hum)
             read = _read_off(force, np.column_stack(columns), level, noise)
             if read is None or read.gain <= max(needed, best):
                 continue
-            if some_mass and not 0.0 < read.weights[1] < HEAVY:
+            if some_mass and not 0.0 < read.weights[mass_at] < HEAVY:
                 continue
-            if math.hypot(*read.weights[1 + some_mass :]) < STEEP * read.height:
+            if math.hypot(*read.weights[mass_at + some_mass :]) < STEEP * read.height:
                 best, found, hummed = read.gain, read.said, bool(orders)
     return found
 

@@ -218,12 +218,14 @@ def mechanisms_of(family: Family) -> set[str]:
 
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:
     """Where a sensor's equation begins: of its starts, those whose response is nearest to the free one."""
-    begun = np.array([each.value for each in sensor.unknowns])
+    free = fitted.values_of(family.terms[0].name)
+    nearest = sensor.begun_at(family.terms[0], free)  # type: ignore[arg-type]
+    if nearest is not None:
+        return [nearest]
     if not sensor.starts or len(sensor.starts) == 1:
-        return [begun]
+        return [np.array([each.value for each in sensor.unknowns])]
     symbols = [each.name for each in sensor.unknowns]
     frequency = np.geomspace(60.0, min(4000.0, 0.35 * rate), 60)
-    free = fitted.values_of(family.terms[0].name)
     wanted = response(family.terms[0], free, frequency)  # type: ignore[arg-type]
     scored = []
     for start in sensor.starts:

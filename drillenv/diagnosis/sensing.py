@@ -64,6 +64,10 @@ class Sensor(Term):
         """What a free law comes to by the library's symbols: value, standard deviation and unit; {} where nothing."""
         return {}
 
+    def begun_at(self, free: Sensor, values: Floats) -> Floats | None:
+        """Where it comes nearest to a free law with these values; None where its own starts say so."""
+        return None
+
     def pulses(self, values: Floats, rate: float, seconds: float = 0.1) -> tuple[int, Floats]:
         """What is read of a 1 on one channel at a sample: that sample, and (2 true, 2 read, n)."""
         middle = round(0.02 * rate)
@@ -209,28 +213,26 @@ class HighPass(Sensor):
     """Recordings with charges of their own."""
     common = GAINS
 
-    def gains(self, values: Floats) -> Floats:
-        """(2, corners) by channel."""
-        return values[:GAINS].reshape(2, -1)
+    def low_passes(self, values: Floats) -> list[tuple[int, float, float]]:
+        """Channel, gain and corner in Hz of each."""
+        gains = values[:GAINS].reshape(2, -1)
+        return [(int(channel), float(gains[channel, i]), SLOW_CORNERS[i]) for channel, i in np.argwhere(gains)]
 
     def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """Subtract the low-passes, from rest."""
         rested, read = np.concatenate([np.zeros_like(signals[..., :1]), signals], axis=-1), signals.copy()
-        gains = self.gains(values)
-        for channel, corner in np.argwhere(gains):
-            slow = _filtered(rested[..., channel, :], point.rate, SLOW_CORNERS[corner])[..., 1:]
-            read[..., channel, :] -= gains[channel, corner] * slow
+        for channel, gain, corner in self.low_passes(values):
+            read[..., channel, :] -= gain * _filtered(rested[..., channel, :], point.rate, corner)[..., 1:]
         return read
 
     def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
         """What is left of the mean before the first sample, and of the charge there."""
-        gains, seconds = self.gains(values), np.arange(n - first) / point.rate
-        added = np.zeros((2, n))
-        if not point.fresh:
-            left = np.exp(-TWO_PI * np.outer(SLOW_CORNERS, seconds))
-            added[FORCE, first:] = -PUSH * point.pressure * (gains[FORCE] @ left)
+        seconds, added = np.arange(n - first) / point.rate, np.zeros((2, n))
+        for channel, gain, corner in self.low_passes(values):
+            if channel == FORCE and not point.fresh:
+                added[FORCE, first:] -= PUSH * point.pressure * gain * np.exp(-TWO_PI * corner * seconds)
         if point.name in self.names:
-            i = GAINS + 2 * self.names.index(point.name)
+            i = self.common + 2 * self.names.index(point.name)
             fading = np.exp(-TWO_PI * np.outer(self.corners(values), seconds))
             added[:, first:] += values[i : i + 2, None] * fading
         return added
@@ -256,11 +258,34 @@ class HighPass(Sensor):
 
     def of_recording(self, name: str, values: Floats) -> tuple[HighPass, Floats]:
         """The same with the charge of one recording, which may be another."""
-        begun = np.append(values[:GAINS], [0.0, 0.0])
+        begun = np.append(values[: self.common], [0.0, 0.0])
         if name in self.names:
-            i = GAINS + 2 * self.names.index(name)
-            begun[GAINS:] = values[i : i + 2]
-        return replace(self, unknowns=self.unknowns[: GAINS + 2], names=(name,)), begun
+            i = self.common + 2 * self.names.index(name)
+            begun[self.common :] = values[i : i + 2]
+        return replace(self, unknowns=self.unknowns[: self.common + 2], names=(name,)), begun
+
+
+@dataclass(frozen=True)
+class Coupling(HighPass):
+    """The library's high-pass: one low-pass of a channel, with a corner in Hz of its own, then charges."""
+
+    common = 2
+
+    def low_passes(self, values: Floats) -> list[tuple[int, float, float]]:
+        """Channel, gain and corner in Hz of each."""
+        return [(channel, 1.0, float(values[channel])) for channel in (FORCE, ACCELERATION) if values[channel] > 0.0]
+
+    def corners(self, values: Floats) -> Floats:
+        """(2,) Hz at 3 dB by channel."""
+        return values[:2]
+
+    def begun_at(self, free: Sensor, values: Floats) -> Floats | None:
+        """With corners and charges of the free law."""
+        return np.append(free.corners(values), values[GAINS:]) if isinstance(free, HighPass) else None
+
+    def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
+        """The corners by the library's symbols; charges are each recording's."""
+        return dict(list(super().stated(values, spread).items())[:2])
 
 
 @dataclass(frozen=True)
@@ -411,6 +436,15 @@ def added(
     return Added(what, first, stage, (), effect, frequency, tuple(orders), drifts, tuple(names))
 
 
+def _charges(names: Sequence[str]) -> list[Unknown]:
+    """Of the coupling of each channel, in each recording."""
+    found: list[Unknown] = []
+    for name in names:
+        for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
+            found += _free([f"charge {channel} {name}"], width, unit)
+    return found
+
+
 def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     """The library's equations, named as its effects; of a hum the amplitudes are free in every recording."""
     rings = tuple({"f_a": each, "zeta_a": NARROW} for each in _resonators(24, rate))
@@ -425,6 +459,9 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     for free, law, widths, at in table:
         name = mechanism_of_law(free)
         found.append(Law(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, name, law))
+    coupled = mechanism_of_law("high-pass")
+    corners = _own(coupled, {"corner_f": 0.05, "corner_a": 0.05}, {"corner_f": 0.5, "corner_a": 0.5})
+    found.append(Coupling(coupled, (*corners, *_charges(names)), 3, effect=coupled, names=tuple(names)))
     hum, offset = mechanism_of_law("hum"), mechanism_of_law("offset")
     found += [added(names, line, (1,), *_own(hum, {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
     zero = _own(offset, {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
@@ -434,12 +471,6 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
 def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> list[Family]:
     """Free laws at zero, of these recordings; ``rings`` adds responses with one resonator each, for weak damping."""
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
-    charges = [
-        each
-        for name in names
-        for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True)
-        for each in _free([f"charge {channel} {name}"], width, unit)
-    ]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     found: list[tuple[str, str, Sensor]] = [
         (ACCELEROMETER, "", free_response(_resonators(8, rate))),
@@ -451,7 +482,7 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         ("offset", " that drifts", added(names, drifts=True)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
         *(("hum", f" {line:g} Hz with overtones", added(names, line, OVERTONES)) for line in (50.0, 60.0)),
-        ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *charges), 3, names=tuple(names))),
+        ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
         ("crosstalk", "", Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]
     if rings:

@@ -46,6 +46,14 @@ def test_hum_and_zero_of_a_load_cell_are_read_in_flight(level, hum, mains):
 
 
 @pytest.mark.parametrize("hum", [0.0, 20.0])
+def test_a_zero_that_drifts_is_read_in_flight(hum):
+    time, force, off = blows(np.random.default_rng(5))
+    shown = -40.0 + 30.0 * time / time[-1] + hum * np.sin(2 * np.pi * 50.0 * time + 1.0)
+    read = flight_reading(force + shown, np.zeros_like(force), NOISE, RATE, 2 * np.pi * 73.0)
+    assert np.abs(read - shown)[off].max() < 0.5 * NOISE
+
+
+@pytest.mark.parametrize("hum", [0.0, 20.0])
 @pytest.mark.parametrize("mass", [0.03, 0.25])
 def test_mass_that_a_load_cell_carries_is_read_in_flight(mass, hum):
     """The drive shakes it with the indenter; on the rock the indenter is slowed down by what the cell reads."""

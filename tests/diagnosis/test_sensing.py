@@ -69,6 +69,7 @@ GIVEN = {
     "load-cell-inertia": {"m_c": 0.1},
     "channel-delay": {"delay_f": 7e-5, "delay_a": 1.7e-4},
     "sensor-offset": {"o_f": 20.0, "o_a": -8.0},
+    "sensor-highpass": {"corner_f": 0.4, "corner_a": 1.3},
 }
 
 
@@ -116,7 +117,7 @@ def test_textbook_terms_read_what_the_library_reads(name):
         term = textbook(rate)[name]
         got = read(
             term,
-            np.array([GIVEN[name][each.name] for each in term.unknowns]),
+            np.array([GIVEN[name].get(each.name, 0.0) for each in term.unknowns]),  # without charges
             pair(true, fine),
             point(i, rate),
         )
@@ -289,6 +290,14 @@ def test_the_charge_of_a_coupling_fades_with_its_corner():
     assert own.tolist() == [*values[:6], 20.0, -3.0] and alone.common == 6
     assert term.of_recording("r99", values)[1][6:].tolist() == [0.0, 0.0]
     assert term.corners(values).tolist() == [0.5, 1.0]
+    # the library's begins with the same corners and charges
+    equation = textbook()["sensor-highpass"]
+    nearest = equation.begun_at(term, values)
+    assert nearest is not None and nearest.tolist() == [0.5, 1.0, 20.0, -3.0, 0.0, 0.0]
+    np.testing.assert_allclose(equation.add(nearest, point(0, fresh=True), 5000, 300), added)
+    alone, own = equation.of_recording(NAMES[0], nearest)
+    assert own.tolist() == [0.5, 1.0, 20.0, -3.0] and alone.common == 2
+    assert equation.stated(nearest, np.ones(6)).keys() == {"corner_f", "corner_a"}
 
 
 def test_each_recording_has_a_delay_of_its_own():
