@@ -107,11 +107,11 @@ class Curve(Term):
         return np.mean(np.diff(self.basis[: len(self.basis) - self.corners], 2, axis=1) ** 2, axis=1)
 
     def corner(self, x: Floats, at: float) -> Floats:
-        """(GRID,) a function with a corner at one argument, of the law's symmetry.
+        """(GRID,) a function with a corner at one argument: a hinge, odd or even where the law is.
 
-        Nothing where smooth functions draw it, and of a periodic law, whose corners are those of one over the force.
-        It bends there, or where the law is the logarithm of a stiffness it jumps, as the slope of a force does that
-        bends. A level is no part of it where none is of the law, nor a straight line.
+        Where the law is the logarithm of a stiffness it is a jump, as the slope of a force that bends has one. It is 0
+        where the law always is, and holds a straight line only where the law does. All 0 where the smooth functions
+        draw it, and of a periodic law, whose corners are those of a law over the force.
 
         Args:
             x: (GRID,) the axis of the law.
@@ -128,11 +128,11 @@ class Curve(Term):
             found = np.where(x > at, 1.0, 0.0) if self.place in LOGARITHMS else np.maximum(x - at, 0.0)
         found = found / max(float(np.std(found)), 1e-12)
         smooth = np.vstack([self.basis, level]).T
-        if _beside(smooth, straight) > LACKING:
+        if _residual_rms(smooth, straight) > LACKING:
             found = found - np.polynomial.Polynomial.fit(x, found, 1)(x)
         nowhere = [i for i in (0, (GRID - 1) // 2, GRID - 1) if np.all(np.abs(self.basis[:, i]) < ALIKE)]
         found = found - found[nowhere].mean() if nowhere else found
-        return found if _beside(np.column_stack([smooth, straight]), found) > DRAWN else np.zeros(GRID)
+        return found if _residual_rms(np.column_stack([smooth, straight]), found) > DRAWN else np.zeros(GRID)
 
     def with_corner(self, corner: Floats) -> Curve:
         """The same with a function (GRID,) that has a corner."""
@@ -665,7 +665,7 @@ def smoothest_first(basis: Floats) -> Floats:
     return np.asarray(np.linalg.eigh(bent @ bent.T)[1].T @ rows * math.sqrt(GRID), dtype=float)
 
 
-def _beside(columns: Floats, other: Floats) -> float:
+def _residual_rms(columns: Floats, other: Floats) -> float:
     """Root mean square of what columns (GRID, m) do not say of another one (GRID,)."""
     return float(np.sqrt(np.mean((other - columns @ np.linalg.lstsq(columns, other, rcond=None)[0]) ** 2)))
 

@@ -138,7 +138,7 @@ def forward(
         if chosen and sum(not each.family.constant for each in steps) < MOST:
             step = best_step(data, fitted, chosen, level, pool, say, named)
         if step is not None:
-            taken(steps, step)
+            add_step(steps, step)
             fitted = step.after
             continue
         other = with_laws_changed(data, fitted, steps, pool, say, earlier is None)
@@ -159,7 +159,7 @@ def copied(steps: Sequence[Step]) -> list[Step]:
     return [replace(each, named=replace(each.named)) for each in steps]
 
 
-def taken(steps: list[Step], step: Step) -> None:
+def add_step(steps: list[Step], step: Step) -> None:
     """Add a step, or where it corrects an equation that is there, its terms to that one's."""
     corrected = next((each for each in steps if each.family.group == step.family.group), None)
     if corrected is None:
