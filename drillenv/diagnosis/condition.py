@@ -223,11 +223,11 @@ def spring_from_force(
 
 
 def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, rate: float, omega: float) -> np.ndarray:
-    """(n,) what the load cell shows off the rock in N: its zero with a drift, a mass it carries, and the mains.
+    """(n,) what the load cell shows off the rock in N: its zero, a mass it carries, and the mains.
 
-    Each where it is more than noise. Flights are the lowest part of the force: what lies within noise of its twentieth
-    part, and of what is read there. Mains in step with the excitation of ``omega`` rad/s are not read: light presses on
-    the rock pass for them.
+    A zero may drift, and mains may swell. Each where it is more than noise. Flights are the lowest part of the force:
+    what lies within noise of its twentieth part, and of what is read there. Mains in step with the excitation of
+    ``omega`` rad/s are not read: light presses on the rock pass for them.
     """
     low = force < np.percentile(force, 5.0) + 4.0 * noise
     level = float(np.median(force[low]))
@@ -235,6 +235,7 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     own, time = np.ones_like(force), np.arange(force.size) / rate
     hums = {orders: _hums(time, omega, orders) for orders in ORDERS}
     least, found, hummed, zero = 0.0, np.full(force.size, level), False, [own]
+    swelling: list[np.ndarray] = []
     drift = _read_off(force, np.column_stack([own, time]), level, noise)
     if drift is not None and drift.gain > HUM:
         least, found, zero = drift.gain, drift.said, [own, time]
@@ -253,6 +254,11 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
                 continue
             if math.hypot(*read.weights[mass_at + some_mass :]) < STEEP * read.height:
                 best, found, hummed = read.gain, read.said, bool(orders)
+                swelling = [*columns, *(time * wave for wave in hum)]
+    if hummed:
+        read = _read_off(force, np.column_stack(swelling), level, noise)
+        if read is not None and read.gain > best + HUM:
+            found = read.said
     return found
 
 

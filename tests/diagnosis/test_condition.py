@@ -53,6 +53,13 @@ def test_a_zero_that_drifts_is_read_in_flight(hum):
     assert np.abs(read - shown)[off].max() < 0.5 * NOISE
 
 
+def test_a_hum_that_swells_is_read_in_flight():
+    time, force, off = blows(np.random.default_rng(5))
+    shown = 10.0 + (10.0 + 40.0 * time / time[-1]) * np.sin(2 * np.pi * 50.0 * time + 1.0)
+    read = flight_reading(force + shown, np.zeros_like(force), NOISE, RATE, 2 * np.pi * 73.0)
+    assert np.abs(read - shown)[off].max() < NOISE
+
+
 @pytest.mark.parametrize("hum", [0.0, 20.0])
 @pytest.mark.parametrize("mass", [0.03, 0.25])
 def test_mass_that_a_load_cell_carries_is_read_in_flight(mass, hum):
