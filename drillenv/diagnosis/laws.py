@@ -66,13 +66,11 @@ LEAST_FRICTION = 1e-3
 LEAST_GRIP = 1e-6
 """N. With no friction at all the engine does not know which way a mass slides, and so not what more would do."""
 DRIVE_LAG = "drive_lag"
-
-
 DRAWN = 1e-3
 """Of a corner, root mean square, that smooth functions leave where they draw it."""
 LACKING = 0.1
 """Root mean square of what a law says of a straight line to 1, from which it has none."""
-ALIKE = 1e-6
+IDENTICAL = 1e-6
 """By which functions of root mean square 1 may differ and be the same."""
 SLOW = 30.0
 """Share of the highest speed below which free laws over a speed are as fine as above it, inverted."""
@@ -118,11 +116,11 @@ class Curve(Term):
             at: In the unit of the axis.
         """
         mirrored, straight, level = self.basis[:, ::-1], x / np.max(np.abs(x)), np.ones(GRID)
-        if np.allclose(self.basis, -mirrored, atol=ALIKE):
+        if np.allclose(self.basis, -mirrored, atol=IDENTICAL):
             found = np.sign(x) * np.maximum(np.abs(x) - abs(at), 0.0)
-        elif np.allclose(self.basis, mirrored, atol=ALIKE):
+        elif np.allclose(self.basis, mirrored, atol=IDENTICAL):
             found = np.maximum(np.abs(x) - abs(at), 0.0)
-        elif np.allclose(self.basis[:, 0], self.basis[:, -1], atol=ALIKE):
+        elif np.allclose(self.basis[:, 0], self.basis[:, -1], atol=IDENTICAL):
             return np.zeros(GRID)
         else:
             found = np.where(x > at, 1.0, 0.0) if self.place in LOGARITHMS else np.maximum(x - at, 0.0)
@@ -130,7 +128,7 @@ class Curve(Term):
         smooth = np.vstack([self.basis, level]).T
         if _residual_rms(smooth, straight) > LACKING:
             found = found - np.polynomial.Polynomial.fit(x, found, 1)(x)
-        nowhere = [i for i in (0, (GRID - 1) // 2, GRID - 1) if np.all(np.abs(self.basis[:, i]) < ALIKE)]
+        nowhere = [i for i in (0, (GRID - 1) // 2, GRID - 1) if np.all(np.abs(self.basis[:, i]) < IDENTICAL)]
         found = found - found[nowhere].mean() if nowhere else found
         return found if _residual_rms(np.column_stack([smooth, straight]), found) > DRAWN else np.zeros(GRID)
 
