@@ -312,9 +312,7 @@ class ShootingProblem:
 
     def labelled(self, own: Floats, model: Model) -> Model:
         """A model with the pressure as the recording has it."""
-        s = model.s.copy()
-        s[F_B] *= 1.0 + PRESSURE_LABEL * own[self.windows * self.state_count(own)]
-        return replace(model, s=s)
+        return model.pushed(1.0 + PRESSURE_LABEL * own[self.windows * self.state_count(own)])
 
     def begun(self, own: Floats, model: Model) -> Floats:
         """(windows, OWN) states at the beginning of the windows."""
@@ -842,16 +840,17 @@ class ShootingProblem:
                 note(i, j, self.sampled(values, more))
             signals = passed
         for i, (term, own) in enumerate(zip(terms, split, strict=True)):
-            adds, filters = type(term).add is not Term.add, type(term).kernel is not Term.kernel
-            for j, ahead in enumerate(steps_ahead(term, own) if adds or filters else ()):
-                if adds:
-                    before, after = (term.add(each, slow, n, begun) for each in (own, ahead))
-                    if before is not None and after is not None:
-                        note(i, j, after - before)
-                if filters:
-                    kernels = (term.kernel(each, self.fine) for each in (own, ahead))
-                    before, after = (decimated(signals, each, self.fine, self.data.thinned) for each in kernels)
-                    note(i, j, after - before)
+            added = term.add(own, slow, n, begun)
+            if added is not None:
+                for j, ahead in enumerate(steps_ahead(term, own)):
+                    more = term.add(ahead, slow, n, begun)
+                    if more is not None:
+                        note(i, j, more - added)
+            if type(term).kernel is not Term.kernel:
+                kernels = [term.kernel(each, self.fine) for each in (own, *steps_ahead(term, own))]
+                first, *others = (decimated(signals, each, self.fine, self.data.thinned) for each in kernels)
+                for j, other in enumerate(others):
+                    note(i, j, other - first)
         return at, rows
 
 

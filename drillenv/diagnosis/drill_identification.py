@@ -34,6 +34,8 @@ from drillenv.dynamics.hybrid import vector_field as V
 
 STARTS = 2
 """Starts of an equation that are followed to their end."""
+NEARLY = 1e-4
+"""Relative change of the cost, or of parameters, from which a start is near enough: a fit goes on from it."""
 FARTHEST_SHIFT = 2.0
 """Share of its range by which a spring's law may be counted from elsewhere."""
 
@@ -169,7 +171,8 @@ def minima(
     """The least cost of a misfit within bounds (n,), from several starts (n,), and at most ``STARTS`` minima."""
     made = []
     for start in begun:
-        result = least_squares(misfit, np.clip(start, low, high), bounds=(low - 1e-12, high + 1e-12), max_nfev=100)
+        within = low - 1e-12, high + 1e-12
+        result = least_squares(misfit, np.clip(start, low, high), bounds=within, ftol=NEARLY, xtol=NEARLY, max_nfev=100)
         made.append((float(result.cost), result.x))
     made.sort(key=lambda each: each[0])
     chosen = [made[0][1]]
@@ -219,7 +222,8 @@ def mechanisms_of(family: Family) -> set[str]:
 def sensor_starts(fitted: Fitted, family: Family, sensor: Sensor, rate: float) -> list[Floats]:
     """Where a sensor's equation begins: of its starts, those whose response is nearest to the free one."""
     free = fitted.values_of(family.terms[0].name)
-    nearest = sensor.begun_at(family.terms[0], free)  # type: ignore[arg-type]
+    points = [block.point for block in fitted.blocks]
+    nearest = sensor.begun_at(family.terms[0], free, points)  # type: ignore[arg-type]
     if nearest is not None:
         return [nearest]
     if not sensor.starts or len(sensor.starts) == 1:

@@ -14,7 +14,8 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter, oaconvolve
+from numba import njit
+from scipy.signal import cont2discrete, oaconvolve
 
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
@@ -64,8 +65,8 @@ class Sensor(Term):
         """What a free law comes to by the library's symbols: value, standard deviation and unit; {} where nothing."""
         return {}
 
-    def begun_at(self, free: Sensor, values: Floats) -> Floats | None:
-        """Where it comes nearest to a free law with these values; None where its own starts say so."""
+    def begun_at(self, free: Sensor, values: Floats, points: Sequence[OperatingPoint]) -> Floats | None:
+        """Where it comes nearest to a free law with these values in recordings; None where its own starts say so."""
         return None
 
     def pulses(self, values: Floats, rate: float, seconds: float = 0.1) -> tuple[int, Floats]:
@@ -106,21 +107,48 @@ def kind_of_response(term: Sensor, values: Floats, rate: float) -> str:
 
 @lru_cache(4096)
 def _coefficients(rate: float, frequency: float, ratio: float | None, band: bool) -> tuple[Floats, Floats]:
+    """(3,) of a filter's input and output, 0 beyond its order, where the input is straight between samples."""
     turn = TWO_PI * frequency
     under = (1.0, turn) if ratio is None else (1.0, 2.0 * ratio * turn, turn**2)
     made: Any = cont2discrete(((turn, 0.0) if band else under[-1:], under), 1.0 / rate, method="foh")
-    return np.atleast_1d(np.squeeze(made[0])), made[1]
+    over, under = np.zeros((2, 3))
+    over[: made[0].size], under[: made[1].size] = made[0].ravel(), made[1]
+    return over, under
 
 
-def _filtered(x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False) -> Floats:
-    """(..., n) through a low-pass, or a resonator: what that lets pass below, or the band about its frequency."""
+def _filtered(
+    x: Floats, rate: float, frequency: float, ratio: float | None = None, band: bool = False, rested: bool = False
+) -> Floats:
+    """(..., n) through a low-pass, or a resonator: what that lets pass below, or the band about its frequency.
+
+    Settled on the first sample, or with ``rested`` on 0 before it.
+    """
     over, under = _coefficients(rate, float(frequency), None if ratio is None else float(ratio), band)
-    start = x[..., :1]
-    bent = x - start
-    # a signal that bends lies beyond the straight line between its samples, by a twelfth of its second difference
-    bent[..., 1:-1] -= (x[..., :-2] - 2.0 * x[..., 1:-1] + x[..., 2:]) / 12.0
-    passed = np.asarray(lfilter(over, under, bent, axis=-1))
-    return passed if band else passed + start
+    passed = np.empty(x.shape)
+    rows = np.ascontiguousarray(x).reshape(-1, x.shape[-1])
+    _filter_rows(rows, over, under, band, rested, passed.reshape(rows.shape))
+    return passed
+
+
+@njit(cache=True, nogil=True)
+def _filter_rows(rows, over, under, band, rested, passed):
+    """Rows (m, n) through a recursive filter of first or second order, whose last coefficient is 0 where of first.
+
+    A signal that bends lies beyond the straight line between its samples, by a twelfth of its second difference.
+    """
+    for i in range(rows.shape[0]):
+        row, out = rows[i], passed[i]
+        start = 0.0 if rested else row[0]
+        level = 0.0 if band else start
+        u1 = u2 = y1 = y2 = 0.0
+        before = start
+        for k in range(row.size):
+            x = row[k]
+            between = (k > 0 or rested) and k < row.size - 1
+            u = x - start - ((before - 2.0 * x + row[k + 1]) / 12.0 if between else 0.0)
+            y = over[0] * u + over[1] * u1 + over[2] * u2 - under[1] * y1 - under[2] * y2
+            u2, u1, y2, y1, before = u1, u, y1, y, x
+            out[k] = y + level
 
 
 def _late(samples: float, half: int) -> tuple[Floats, int]:
@@ -220,9 +248,9 @@ class HighPass(Sensor):
 
     def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """Subtract the low-passes, from rest."""
-        rested, read = np.concatenate([np.zeros_like(signals[..., :1]), signals], axis=-1), signals.copy()
+        read = signals.copy()
         for channel, gain, corner in self.low_passes(values):
-            read[..., channel, :] -= gain * _filtered(rested[..., channel, :], point.rate, corner)[..., 1:]
+            read[..., channel, :] -= gain * _filtered(signals[..., channel, :], point.rate, corner, rested=True)
         return read
 
     def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
@@ -279,9 +307,19 @@ class Coupling(HighPass):
         """(2,) Hz at 3 dB by channel."""
         return values[:2]
 
-    def begun_at(self, free: Sensor, values: Floats) -> Floats | None:
-        """With corners and charges of the free law."""
-        return np.append(free.corners(values), values[GAINS:]) if isinstance(free, HighPass) else None
+    def begun_at(self, free: Sensor, values: Floats, points: Sequence[OperatingPoint]) -> Floats | None:
+        """With the corners of the free law, and charges with which each recording begins as by that.
+
+        Of the static force of a running rig the free law lets pass what its gains leave, and the equation nothing.
+        """
+        if not isinstance(free, HighPass):
+            return None
+        corners, charges = free.corners(values), values[GAINS:].reshape(-1, 2).copy()
+        passed = float(corners[FORCE] > 0.0) - sum(g for channel, g, _ in free.low_passes(values) if channel == FORCE)
+        for point in points:
+            if not point.fresh and point.name in free.names:
+                charges[free.names.index(point.name), FORCE] += PUSH * point.pressure * passed
+        return np.append(corners, charges)
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """The corners by the library's symbols; charges are each recording's."""

@@ -13,7 +13,7 @@ from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import UNLOADING
 from drillenv.dynamics.forms import Form
-from drillenv.dynamics.hybrid.vector_field import KL, KU, LONGEST, K
+from drillenv.dynamics.hybrid.vector_field import F_B, KL, KU, LONGEST, K
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.adapter import Adapter
@@ -88,6 +88,14 @@ class Model:
                 curve = curve_at(law.effect, law.parameters, place, law.axes.points(place), around)
                 total += np.log(np.clip(curve, 1e-3, 1e3)) if place <= UNLOADING else curve
         return total
+
+    def pushed(self, factor: float) -> Model:
+        """The same with the cylinder's force times a factor, on which no curve depends."""
+        s = self.s.copy()
+        s[F_B] *= factor
+        other = replace(self, s=s)
+        other._curves = self._curves
+        return other
 
     def bends(self, place: int) -> bool:
         """Whether any law acts at a place."""

@@ -56,8 +56,8 @@ def at_start(term):
     return np.array([each.value for each in term.unknowns])
 
 
-def read(term, values, signals, where):
-    added = term.add(values, where, signals.shape[-1])
+def read(term, values, signals, where, first=0):
+    added = term.add(values, where, signals.shape[-1], first)
     sensed = term.observe(values, signals, where)
     return sensed if added is None else sensed + added
 
@@ -292,12 +292,28 @@ def test_the_charge_of_a_coupling_fades_with_its_corner():
     assert term.corners(values).tolist() == [0.5, 1.0]
     # the library's begins with the same corners and charges
     equation = textbook()["sensor-highpass"]
-    nearest = equation.begun_at(term, values)
+    nearest = equation.begun_at(term, values, [point(0, fresh=True), point(1, fresh=True)])
     assert nearest is not None and nearest.tolist() == [0.5, 1.0, 20.0, -3.0, 0.0, 0.0]
     np.testing.assert_allclose(equation.add(nearest, point(0, fresh=True), 5000, 300), added)
     alone, own = equation.of_recording(NAMES[0], nearest)
     assert own.tolist() == [0.5, 1.0, 20.0, -3.0] and alone.common == 2
     assert equation.stated(nearest, np.ones(6)).keys() == {"corner_f", "corner_a"}
+
+
+def test_an_equation_of_a_coupling_begins_with_the_force_that_the_free_law_reads():
+    """Of a running rig that lets half of the static force pass, or all of it, the equation nothing or all."""
+    free, equation, first = families()["high-pass"], textbook()["sensor-highpass"], 300
+    steady = np.zeros((2, 5000))
+    steady[0, first:] = PUSH * SETTINGS[1].pressure
+    for gains in ([0.0, 0.5, 0.0], [0.4, -0.12, 0.0], [0.1, -0.3, 0.0]):
+        values = np.zeros(len(free.unknowns))
+        values[:3], values[8] = gains, 7.0
+        nearest = equation.begun_at(free, values, [point(0), point(1)])
+        assert nearest is not None and nearest[0] == free.corners(values)[0]
+        pairs = (free, values), (equation, nearest)
+        wanted, found = (read(term, own, steady, point(1), first) for term, own in pairs)
+        # but for what low-passes take in during the first sample
+        np.testing.assert_allclose(found[0, first], wanted[0, first], atol=1e-4 * steady.max())
 
 
 def test_each_recording_has_a_delay_of_its_own():
