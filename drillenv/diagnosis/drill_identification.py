@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -39,6 +40,8 @@ NEARLY = 1e-4
 FARTHEST_SHIFT = 2.0
 """Share of its range by which a spring's law may be counted from elsewhere."""
 
+ALSO = {ACCELEROMETER: RESPONSES, "high-pass": ("offset",)}
+"""What else a law of sensors may turn out to be, by its group: where a corner does not show, charges are offsets."""
 WITH_STATES = {
     "air": ("air_stiffness", "air_per_length", "air_rate"),
     "mount": ("mount_gain", "mount_square", "mount_damping"),
@@ -198,7 +201,9 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
     if isinstance(family.terms[0], Sensor):
         names = [block.point.name for block in fitted.blocks]
         rate = min(block.data.rate for block in fitted.blocks)
+        free = family.terms[0]
         every = [each for each in textbook_sensors(names, rate) if each.effect in mechanisms_of(family)]
+        every = [each for each in every if replace(each, name=free.name, effect=free.effect) != free]
         if family.group == "hum":
             every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
         constants = fitted.fit.shared[: len(fitted.structure.terms[0].unknowns)]
@@ -214,8 +219,7 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
 
 def mechanisms_of(family: Family) -> set[str]:
     """The library's mechanisms that a family may turn out to be."""
-    laws = RESPONSES if family.group == ACCELEROMETER else ()
-    found = {family.mechanism, *map(mechanism_of_law, laws)}
+    found = {family.mechanism, *map(mechanism_of_law, ALSO.get(family.group, ()))}
     return (found | {each.effect for each in equations(*places_of(family))}) & set(REGISTRY)
 
 

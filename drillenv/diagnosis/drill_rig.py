@@ -29,7 +29,7 @@ from drillenv.diagnosis.laws import (
 )
 from drillenv.diagnosis.noise import nuisance
 from drillenv.diagnosis.score_tests import best_frequency
-from drillenv.diagnosis.sensing import ACCELEROMETER, Sensor, kind_of_response, sensor_families
+from drillenv.diagnosis.sensing import ACCELEROMETER, Added, Sensor, kind_of_response, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.solver import Floats
@@ -81,8 +81,9 @@ class DrillRig:
         mounted = fitted.structure.model(fitted.values, blocks[0].point).s[V.MOUNT_GAIN] > 0.0
         moving = self.laws(fitted, fitted.structure.axes, 1)
         moving = [each for each in moving if mounted or each.name != MOUNT_LAW]
-        reading = sensor_families([block.name for block in blocks], min(block.data.rate for block in blocks))
-        return moving + reading
+        hums = {term.frequency for term in fitted.structure.terms if isinstance(term, Added) and term.orders}
+        rate = min(block.data.rate for block in blocks)
+        return moving + sensor_families([block.name for block in blocks], rate, lines=sorted(hums))
 
     def laws(self, fitted: Fitted, axes: Axes, detail: int) -> list[Family]:
         """Families with free laws on these axes."""

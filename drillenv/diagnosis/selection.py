@@ -64,26 +64,28 @@ class Step:
         return self.gain * fitted.samples / self.before.samples
 
 
-def with_family(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
-    """The fit with one more family, from its start."""
+def with_family(
+    fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits, strength: float = 0.0
+) -> Fitted:
+    """The fit with one more family, from its start, or from there with more of its first parameter, its strength."""
     structure, start = with_more(fitted.structure, fitted.fit.shared, family)
-    return fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
+    stronger = strength != 0.0
+    if stronger:
+        start[-family.size] += strength / family.unknowns[0].width
+    return fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise, stronger)
 
 
-def with_strength(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
+def from_strengths(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
     """The fit with one more family that has states, from none of it and from a standard deviation of its strength.
 
     With none of it, its frequency or time constant changes nothing (R. B. Davies, Biometrika 74 (1987) 33-43), and
     where a model is far off, what more of it would gain is no guide.
     """
-    found = with_family(fitted, family, data, pool, limits)
-    strength = family.unknowns[0]
-    if not math.isfinite(strength.std):
-        return found
-    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
-    start[-family.size] += strength.std / strength.width
-    strong = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise, True)
-    return min(found, strong, key=lambda each: each.cost)
+    std = family.unknowns[0].std
+    strengths = (0.0, std) if math.isfinite(std) else (0.0,)
+    return min(
+        (with_family(fitted, family, data, pool, limits, each) for each in strengths), key=lambda each: each.cost
+    )
 
 
 def candidates(fitted: Fitted) -> list[Family]:
@@ -435,7 +437,7 @@ def refine_candidates(
     half = 0.5 * (fitted.cost + 0.5 * fitted.freedom)
     most_is_left = fitted.per_freedom > CLOSE and (best is None or best > half)
     for each in chosen:
-        begun = with_strength if each.family.has_states and most_is_left else with_family
+        begun = from_strengths if each.family.has_states and most_is_left else with_family
         fits.append((each, begun(fitted, each.family, data, pool, SHORT)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:

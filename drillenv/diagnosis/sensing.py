@@ -8,7 +8,7 @@ from rest, and says in ``add`` what it remembers of the time before. Terms of a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -354,15 +354,15 @@ class OwnDelays(Sensor):
 
 @dataclass(frozen=True)
 class Added(Sensor):
-    """A sine and a cosine of each order of a frequency in Hz, or a constant and its drift.
+    """A sine and a cosine of each order of a frequency in Hz, or a constant; steady, or by powers of the time.
 
-    By recording, channel, and order.
+    By recording, channel, power and order.
     """
 
     frequency: float = 0.0
     orders: tuple[int, ...] = ()
-    drifts: bool = False
-    """Whether a constant has a drift, in what that is more at the end of a recording than at its beginning."""
+    degree: int = 0
+    """The highest power of the time, which is from -1/2 at the beginning of a recording to 1/2 at its end."""
     names: tuple[str, ...] = ()
     """Recordings with values of their own; without any, all have the same."""
 
@@ -371,17 +371,19 @@ class Added(Sensor):
         if self.names and point.name not in self.names:
             return None
         sizes = self.waves(values)[self.names.index(point.name) if self.names else 0]
-        if not self.orders:
-            return sizes @ np.stack([np.ones(n), np.linspace(-0.5, 0.5, n)])[: sizes.shape[1]]
-        return sizes @ _waves(self.frequency_of(values) / point.rate, self.orders, n)
+        waves = _waves(self.frequency_of(values) / point.rate, self.orders, n) if self.orders else np.ones((1, n))
+        if self.degree:
+            powers = np.linspace(-0.5, 0.5, n) ** np.arange(self.degree + 1)[:, None, None]
+            waves = (powers * waves).reshape(-1, n)
+        return sizes @ waves
 
     @property
     def count(self) -> int:
         """Waves of a channel."""
-        return 2 * len(self.orders) or 1 + self.drifts
+        return (2 * len(self.orders) or 1) * (self.degree + 1)
 
     def waves(self, values: Floats) -> Floats:
-        """(recordings, 2, count) sizes by recording, channel, and sine and cosine of each order, or constant, drift."""
+        """(recordings, 2, count) sizes by recording, channel, and power with sine and cosine of each order."""
         places = max(1, len(self.names))
         return values[-2 * places * self.count :].reshape(places, 2, self.count)
 
@@ -460,18 +462,21 @@ def free_cell(rings: Sequence[float]) -> Law:
 
 
 def added(
-    names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown, drifts: bool = False
+    names: Sequence[str], frequency: float = 0.0, orders: Sequence[int] = (), *first: Unknown, degree: int = 0
 ) -> Added:
-    """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz."""
+    """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz, as ``Added``."""
     # terms of a model are told apart by name, and a free law may correct the library's equation
     what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
-    what += " that drifts" if drifts else " with overtones" if len(orders) == len(OVERTONES) else ""
+    changes = " that swells" if orders else " that drifts"
+    what += changes if degree else " with overtones" if len(orders) == len(OVERTONES) else ""
     effect = mechanism_of_law("hum") if first else ""
-    waves = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or ["", " drift"][: 1 + drifts]
+    powers = ["", " drift", " curvature"][: degree + 1]
+    steady = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
+    waves = [power + wave for power in powers for wave in steady]
     for name in names:
         for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
             first += _free([f"{what}{wave} {channel} {name}" for wave in waves], width, unit)
-    return Added(what, first, stage, (), effect, frequency, tuple(orders), drifts, tuple(names))
+    return Added(what, first, stage, (), effect, frequency, tuple(orders), degree, tuple(names))
 
 
 def _charges(names: Sequence[str]) -> list[Unknown]:
@@ -484,7 +489,7 @@ def _charges(names: Sequence[str]) -> list[Unknown]:
 
 
 def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
-    """The library's equations, named as its effects; of a hum the amplitudes are free in every recording."""
+    """The library's equations, named as its effects; hums and offsets are also such as each recording has its own."""
     rings = tuple({"f_a": each, "zeta_a": NARROW} for each in _resonators(24, rate))
     lags = tuple({"delay_f": 0.0, "delay_a": each} for each in (0.0, 1.5e-4, 3.5e-4, -1.5e-4))
     table = (
@@ -503,11 +508,17 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     hum, offset = mechanism_of_law("hum"), mechanism_of_law("offset")
     found += [added(names, line, (1,), *_own(hum, {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
     zero = _own(offset, {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
-    return [*found, Added(offset, zero, 5, effect=offset)]
+    return [*found, Added(offset, zero, 5, effect=offset), replace(added(names), name="own offsets", effect=offset)]
 
 
-def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> list[Family]:
-    """Free laws at zero, of these recordings; ``rings`` adds responses with one resonator each, for weak damping."""
+def sensor_families(
+    names: Sequence[str], rate: float, rings: bool = False, lines: Collection[float] = ()
+) -> list[Family]:
+    """Free laws at zero, of these recordings.
+
+    ``rings`` adds responses with one resonator each, for weak damping; of hums of ``lines`` in Hz that are there
+    already, the amplitude may swell.
+    """
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     found: list[tuple[str, str, Sensor]] = [
@@ -517,9 +528,10 @@ def sensor_families(names: Sequence[str], rate: float, rings: bool = False) -> l
         ("load cell", "", Law("load cell", CELL_MASSES, 0, law=_inertia)),
         ("load cell", " with a response of its own", free_cell(_resonators(8, rate))),
         ("offset", "", added(names)),
-        ("offset", " that drifts", added(names, drifts=True)),
+        ("offset", " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
         *(("hum", f" {line:g} Hz with overtones", added(names, line, OVERTONES)) for line in (50.0, 60.0)),
+        *(("hum", f" {line:g} Hz that swells", added(names, line, (1,), degree=2)) for line in lines),
         ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
         ("crosstalk", "", Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]

@@ -562,15 +562,19 @@ def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
 def own_lines(fitted: Fitted) -> list[float]:
     """Frequencies (Hz) of lines of the model whose amplitudes are each recording's; 0 is an offset.
 
-    A drift is next to straight in a wave that turns by less than a quarter, beside a constant.
+    A drift is next to straight in a wave that turns by less than a quarter, beside a constant; a line that swells has
+    lines beside it.
     """
-    found: list[float] = []
-    seconds = max(each.data.force.size / each.data.rate for each in fitted.blocks)
+    found: set[float] = set()
+    turn = QUARTER / max(each.data.force.size / each.data.rate for each in fitted.blocks)
     for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
         if isinstance(term, Added) and term.names:
             frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
-            found += [float(order * frequency) for order in term.orders] or [0.0, QUARTER / seconds][: term.count]
-    return found
+            aside = (-turn, 0.0, turn) if term.degree else (0.0,)
+            found |= {abs(float(order * frequency + each)) for order in term.orders or (0,) for each in aside}
+    # nearer to each other they are not told apart
+    lines = sorted(found)
+    return [line for line, before in zip(lines, [-math.inf, *lines], strict=False) if line - before > 0.5 * turn]
 
 
 def without_lines(block: ShootingProblem, lines: Sequence[float]) -> Noise:

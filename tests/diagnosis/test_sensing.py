@@ -159,6 +159,25 @@ def test_free_laws_and_equations_have_names_of_their_own():
     assert len({*names}) == len(names)
 
 
+def test_a_hum_that_swells_is_a_family_where_a_hum_is_there():
+    """By up to nine tenths of it, one to two times a second, in each recording otherwise."""
+    found = {each.name: each.terms[0] for each in sensor_families(NAMES, RATE, lines=(50.0,))}
+    assert found.keys() - families().keys() == {"hum 50 Hz that swells"}
+    time = np.arange(pair(dense(RATE, 16)[0], 16).shape[1]) / RATE
+    change = []
+    for f_swell, phase in ((1.0, 0.4), (2.0, 2.5)):
+        swell = 1.0 + 0.9 * np.sin(2.0 * math.pi * f_swell * time + phase)
+        wave = np.sin(100.0 * math.pi * time + phase)
+        change.append(swell * wave * np.array([[10.0], [4.0]]))
+    steady, swelling = (1.0 - explained(found[f"hum 50 Hz{more}"], change) for more in ("", " that swells"))
+    assert steady > 0.03 and swelling < 0.02 * steady
+    # its mean is what it is stated by
+    values = np.zeros(len(found["hum 50 Hz that swells"].unknowns))
+    values[[0, 12]] = 3.0, 4.0
+    stated = found["hum 50 Hz that swells"].stated(values, np.ones(values.size))
+    assert stated["b_f"]["value"] == pytest.approx(math.sqrt(12.5))
+
+
 def test_a_free_hum_is_stated_by_its_first_order():
     """By recording, channel, order, sine and cosine: 3 and 4 N, 6 and 8 m/s^2 in one, twice that in the other."""
     term = families()["hum 50 Hz"]
