@@ -284,6 +284,18 @@ class HighPass(Sensor):
         found = zip(("corner_f", "corner_a"), self.corners(values), stds, strict=True)
         return {name: (float(value), float(std), "Hz") for name, value, std in found if value > 2.0 * std}
 
+    def charges_beside(self, taken: float, values: Floats, points: Sequence[OperatingPoint]) -> Floats:
+        """(recordings, 2) charges with which recordings begin as by this law, beside another.
+
+        Of the static force of a rig that runs, that takes a share away, and this one as much as its gains are.
+        """
+        charges = values[self.common :].reshape(-1, 2).copy()
+        more = taken - sum(gain for channel, gain, _ in self.low_passes(values) if channel == FORCE)
+        for point in points:
+            if not point.fresh and point.name in self.names:
+                charges[self.names.index(point.name), FORCE] += PUSH * point.pressure * more
+        return charges
+
     def of_recording(self, name: str, values: Floats) -> tuple[HighPass, Floats]:
         """The same with the charge of one recording, which may be another."""
         begun = np.append(values[: self.common], [0.0, 0.0])
@@ -308,18 +320,11 @@ class Coupling(HighPass):
         return values[:2]
 
     def begun_at(self, free: Sensor, values: Floats, points: Sequence[OperatingPoint]) -> Floats | None:
-        """With the corners of the free law, and charges with which each recording begins as by that.
-
-        Of the static force of a running rig the free law lets pass what its gains leave, and the equation nothing.
-        """
+        """With the corners of the free law, and charges with which each recording begins as by that."""
         if not isinstance(free, HighPass):
             return None
-        corners, charges = free.corners(values), values[GAINS:].reshape(-1, 2).copy()
-        passed = float(corners[FORCE] > 0.0) - sum(g for channel, g, _ in free.low_passes(values) if channel == FORCE)
-        for point in points:
-            if not point.fresh and point.name in free.names:
-                charges[free.names.index(point.name), FORCE] += PUSH * point.pressure * passed
-        return np.append(corners, charges)
+        corners = free.corners(values)
+        return np.append(corners, free.charges_beside(float(corners[FORCE] > 0.0), values, points))
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
         """The corners by the library's symbols; charges are each recording's."""
@@ -376,6 +381,12 @@ class Added(Sensor):
             powers = np.linspace(-0.5, 0.5, n) ** np.arange(self.degree + 1)[:, None, None]
             waves = (powers * waves).reshape(-1, n)
         return sizes @ waves
+
+    def begun_at(self, free: Sensor, values: Floats, points: Sequence[OperatingPoint]) -> Floats | None:
+        """As charges of a coupling that lets the static force pass, where each recording has a constant of its own."""
+        if not isinstance(free, HighPass) or self.orders or self.names != free.names:
+            return None
+        return free.charges_beside(0.0, values, points).ravel()
 
     @property
     def count(self) -> int:

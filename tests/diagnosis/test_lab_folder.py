@@ -1,5 +1,6 @@
 """What a lab hands over, messy as it is, and what the diagnosis makes of it: one row of docs/diagnosis each."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,13 @@ import pytest
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
 from drillenv.checks import InputError
+from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.fitting import CONVERGED
+from drillenv.diagnosis.naming import name_law
 from drillenv.diagnosis.report import diagnose
+from drillenv.diagnosis.selection import with_family
+from drillenv.diagnosis.verdict import STRETCH, nominal_rig, plain_fit
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel
 from drillenv.recordings import Channel, read_campaign
@@ -158,6 +165,25 @@ def test_coupled_channels_are_named(tmp_path):
     assert finding["mechanism"] == "sensor-highpass"
     assert finding["parameters"]["corner_f"]["value"] == pytest.approx(0.5, abs=0.03)
     assert finding["parameters"]["corner_a"]["value"] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.slow
+def test_charges_of_a_coupling_without_a_corner_are_offsets(tmp_path):
+    """A load cell and an accelerometer that were zeroed anew before each recording, fitted as a free high-pass."""
+    made = read_campaign(make_campaign(tmp_path / "made", rock(4), recordings=4, seconds=0.3, seed=6))
+    zeros = {each.name: np.random.default_rng(i).normal(size=2) * (20.0, 8.0) for i, each in enumerate(made.recordings)}
+    for name, (force, acceleration) in zeros.items():
+        off = {"excitation": 0.0, "force": force, "acceleration": acceleration}
+        made = changed(made, name, lambda channel, x, off=off: x + off[channel])
+    data = [condition(each, nominal_rig(made)).first(STRETCH) for each in made.recordings]
+    with ThreadPoolExecutor(2) as pool:
+        plain = plain_fit(made, data, pool)
+        family = next(each for each in DRILL.candidates(plain) if each.group == "high-pass")
+        fitted = with_family(plain, family, data, pool, CONVERGED)
+        found, other = name_law(data, fitted, family, plain.cost - fitted.cost, pool)
+    assert found.mechanism == "sensor-offset" and found.equation is not None
+    values = other.values_of(found.equation.name).reshape(-1, 2)
+    np.testing.assert_allclose(values, [*zeros.values()], atol=0.4)
 
 
 @pytest.mark.slow
