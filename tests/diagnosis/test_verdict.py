@@ -7,7 +7,8 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Concealed
 from drillenv.corrected import model_from_record, model_record
 from drillenv.diagnosis.findings import corrected, record_of
-from drillenv.diagnosis.verdict import diagnose_drill
+from drillenv.diagnosis.thresholds import LEFT
+from drillenv.diagnosis.verdict import diagnose_drill, own_lines
 
 pytestmark = pytest.mark.slow
 
@@ -66,3 +67,15 @@ def test_another_equation_is_named_with_its_law():
     model = corrected(outcome)
     assert [each.effect.name for each in model.effects] == ["tabulated-rate-factor", "tabulated-rate-force"]
     assert model_from_record(model_record(model)).effects == model.effects
+
+
+def test_a_hum_that_swells_is_followed():
+    """By eight tenths of it, twice a second, in each of four recordings otherwise."""
+    at = [each.name for each in MECHANISMS["mains-hum"].equations].index("swelling")
+    hum = concealing("mains-hum", at, f_m=50.03, b_e=0.0, b_f=20.0, b_a=10.0, swell=0.8, f_swell=2.0)
+    _, outcome = diagnosed(25, hum)
+    assert [each.mechanism for each in outcome.named] == ["mains-hum"]
+    assert outcome.final.per_freedom < 1.0 + LEFT
+    # recordings held out have it as lines beside each other
+    lines = own_lines(outcome.final)
+    assert len(lines) >= 3 and all(abs(line - 50.0) < 2.0 for line in lines)
