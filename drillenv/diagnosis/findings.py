@@ -16,6 +16,7 @@ from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
 from drillenv.diagnosis.measured import (
     Visited,
+    hum_amplitude,
     hum_spectrum,
     measured_law,
     measured_response,
@@ -100,8 +101,13 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
     terms = step.terms
     if isinstance(terms[0], Added):
         entry["parameters"] = entry["parameters"] or parameters_of(final, terms[0], deviations(final))
-        if terms[0].orders:
-            entry["law"] = hum_spectrum(final, terms[0])
+        hums = [each for each in terms if isinstance(each, Added) and each.orders]
+        if hums:
+            entry["law"] = hum_spectrum(final, hums)
+        if len(hums) > 1:
+            # what corrects an equation is a part of the amplitude
+            for channel, (symbol, (_name, unit)) in enumerate(zip(("b_f", "b_a"), CHANNELS, strict=True)):
+                entry["parameters"][symbol] = quantity(*hum_amplitude(final, hums, channel, 1), unit)
     elif isinstance(terms[0], Sensor):
         if named.equation is None:
             entry["parameters"] = summed_up(final, terms[0])

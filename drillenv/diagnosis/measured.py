@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Curve, Equation, Family
-from drillenv.diagnosis.sensing import Added, Sensor, response
+from drillenv.diagnosis.noise import NoiseModel, line_columns
+from drillenv.diagnosis.sensing import FORCE, Added, Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, interpolate
@@ -46,8 +47,8 @@ LEAST_LEAD, POWERS = 1e-3, (1.5, 9.0)
 """Share of a spring's range by which that begins beyond where it has no force, at least, and what powers laws have."""
 BINS, FEW = 40, 8
 """Of partial residuals, and samples in one at least."""
-MOST_ORDERS, OFF_ORDER = 5, 0.5
-"""Orders of a hum that are shown at most, and Hz from an order within which a line of the noise is it."""
+ORDERS_SHOWN, OFF_ORDER = (1, 2, 3, 4, 5), 0.5
+"""Orders of a hum, and Hz from one within which a line of the noise is it."""
 NEAR_DEPTH = 1.3
 """Times the median depth, either way, within which samples speak of a law at that depth."""
 
@@ -392,29 +393,36 @@ def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floa
     return display.y(at(point.frequency))
 
 
-def hum_spectrum(fitted: Fitted, term: Added) -> dict[str, Any]:
-    """Amplitude in the force of each order of a hum, as ``law`` of a report.
+def hum_spectrum(fitted: Fitted, terms: Sequence[Added]) -> dict[str, Any]:
+    """Amplitude in the force of each order of a hum, as ``law`` of a report: the root mean square over recordings."""
+    y, std = np.array([hum_amplitude(fitted, terms, FORCE, order) for order in ORDERS_SHOWN]).T
+    return law_record("order of the line, in the force", "1", "N", np.array(ORDERS_SHOWN, dtype=float), y, std)
 
-    The root mean square over recordings. Orders that the noise has among its lines are the hum's as well.
+
+def hum_amplitude(fitted: Fitted, terms: Sequence[Added], channel: int, order: int) -> tuple[float, float]:
+    """Root mean square over recordings of the amplitude of an order of a hum on a channel, and its standard deviation.
+
+    Of all terms of the hum together, as they are over a recording on the average. Orders that the noise has among its
+    lines are the hum's as well.
     """
-    frequency = term.frequency_of(fitted.values_of(term.name))
-    inside = fitted.indices_of([term])
-    spread = np.sqrt(np.diag(fitted.covariance)[inside])
-    widths = np.array([each.width for each in term.unknowns])
-    sizes, stds = term.waves(fitted.values_of(term.name)), term.waves(spread * widths)
-    found = {
-        order: mean_amplitude(sizes[:, 0, 2 * i : 2 * i + 2], stds[:, 0, 2 * i : 2 * i + 2])
-        for i, order in enumerate(term.orders)
-    }
-    beside = [block.lines_of(0, own) for block, own in zip(fitted.blocks, fitted.fit.own, strict=True)]
-    for order in range(max(term.orders) + 1, MOST_ORDERS + 1):
-        waves = [near(each, order * frequency) for each in beside]
-        if any(each.any() for each in waves):
-            std = [block.noise[0].std * math.sqrt(2.0 / block.data.force.size) for block in fitted.blocks]
-            found[order] = mean_amplitude(np.array(waves), np.tile(std, (2, 1)).T)
-    y, std = (np.array(each) for each in zip(*found.values(), strict=True))
-    orders = np.array(list(found), dtype=float)
-    return law_record("order of the line, in the force", "1", "N", orders, y, std)
+    first, values = terms[0], {each.name: fitted.values_of(each.name) for each in terms}
+    frequency = first.frequency_of(values[first.name])
+    waves, spread = np.zeros((len(fitted.blocks), 2)), np.zeros((len(fitted.blocks), 2))
+    for i, (block, own) in enumerate(zip(fitted.blocks, fitted.fit.own, strict=True)):
+        n, point = block.data.force.size, block.point._replace(rate=block.data.rate)
+        said = [term.add(values[term.name], point, n) for term in terms]
+        total = sum((each[channel] for each in said if each is not None), np.zeros(n))
+        columns = line_columns(NoiseModel(1.0, 0.0, tuple(k * frequency for k in ORDERS_SHOWN), point.rate), n)
+        sizes = np.linalg.lstsq(columns.T, total)[0].reshape(2, -1)[:, order - 1]
+        shown = max(max(term.orders) for term in terms)
+        waves[i] = sizes + (near(block.lines_of(channel, own), order * frequency) if order > shown else 0.0)
+        spread[i] = block.noise[channel].std * math.sqrt(2.0 / n)
+    if len(terms) == 1 and order in first.orders:
+        inside = fitted.indices_of(terms)
+        stds = np.sqrt(np.diag(fitted.covariance)[inside]) * np.array([each.width for each in first.unknowns])
+        at = 2 * first.orders.index(order)
+        spread = first.waves(stds)[:, channel, at : at + 2]
+    return mean_amplitude(waves, spread)
 
 
 def near(lines: Sequence[tuple[float, Floats]], frequency: float) -> Floats:

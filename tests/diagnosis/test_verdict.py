@@ -79,3 +79,9 @@ def test_a_hum_that_swells_is_followed():
     # recordings held out have it as lines beside each other
     lines = own_lines(outcome.final)
     assert len(lines) >= 3 and all(abs(line - 50.0) < 2.0 for line in lines)
+    # its amplitude is that of the equation and of what corrects it together, and it has no overtones
+    (finding,) = record_of(outcome, [])["findings"]
+    assert finding["law"]["x"] == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert finding["law"]["y"][0] == pytest.approx(20.0, rel=0.5) and max(finding["law"]["y"][1:]) < 0.5
+    assert finding["parameters"]["b_f"]["value"] == pytest.approx(finding["law"]["y"][0])
+    assert finding["parameters"]["b_a"]["value"] == pytest.approx(0.5 * finding["law"]["y"][0], rel=0.05)
