@@ -15,7 +15,7 @@ from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to,
 from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import ALIKE, LAW_ERROR, NOISE_KNOWN
+from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, NOISE_KNOWN
 
 MOST = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
@@ -93,7 +93,10 @@ def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, poo
 def fit_equation(
     data: Sequence[Any], fitted: Fitted, structure: ModelStructure, start: Floats, gain: float, pool: Executor
 ) -> Fitted:
-    """The fit of a structure that has an equation in the place of a law; to its end where it explains anything."""
+    """The fit of a structure that has an equation in the place of a law; to its end where it explains anything.
+
+    Where the model is far off with any law, a short fit tells equations apart, and the one that is chosen goes on.
+    """
     own, noise = fitted.fit.own, fitted.noise
     found = fit_to(data, structure, start, own, pool, fitted.weight, SHORT, noise, states_first=True)
     if found.cost - fitted.cost > gain and fitted.weight == JOINED:
@@ -101,7 +104,7 @@ def fit_equation(
         again = with_windows_freed(data, structure, start, own, pool, noise, states_first=True)
         if again.weight == JOINED and again.cost < found.cost:
             found = again
-    if found.cost - fitted.cost > gain:
+    if found.cost - fitted.cost > gain or fitted.per_freedom > CLOSE:
         return found
     return fit_to(data, structure, found.fit.shared, found.fit.own, pool, fitted.weight, CONVERGED, noise)
 
