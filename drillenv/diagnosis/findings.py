@@ -16,7 +16,7 @@ from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_of
 from drillenv.diagnosis.measured import (
     Visited,
-    hum_amplitude,
+    hum_amplitudes,
     hum_spectrum,
     measured_law,
     measured_response,
@@ -107,7 +107,8 @@ def finding(outcome: Outcome, step: Step, ranges: Visited, depth: float) -> dict
         if len(hums) > 1:
             # what corrects an equation is a part of the amplitude
             for channel, (symbol, (_name, unit)) in enumerate(zip(("b_f", "b_a"), CHANNELS, strict=True)):
-                entry["parameters"][symbol] = quantity(*hum_amplitude(final, hums, channel, 1), unit)
+                size, std = map(float, hum_amplitudes(final, hums, channel)[0])
+                entry["parameters"][symbol] = quantity(size, std, unit)
     elif isinstance(terms[0], Sensor):
         if named.equation is None:
             entry["parameters"] = summed_up(final, terms[0])

@@ -395,34 +395,34 @@ def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floa
 
 def hum_spectrum(fitted: Fitted, terms: Sequence[Added]) -> dict[str, Any]:
     """Amplitude in the force of each order of a hum, as ``law`` of a report: the root mean square over recordings."""
-    y, std = np.array([hum_amplitude(fitted, terms, FORCE, order) for order in ORDERS_SHOWN]).T
+    y, std = hum_amplitudes(fitted, terms, FORCE).T
     return law_record("order of the line, in the force", "1", "N", np.array(ORDERS_SHOWN, dtype=float), y, std)
 
 
-def hum_amplitude(fitted: Fitted, terms: Sequence[Added], channel: int, order: int) -> tuple[float, float]:
-    """Root mean square over recordings of the amplitude of an order of a hum on a channel, and its standard deviation.
+def hum_amplitudes(fitted: Fitted, terms: Sequence[Added], channel: int) -> Floats:
+    """(orders, 2) root mean square over recordings of the amplitude of a hum on a channel, and its standard deviation.
 
     Of all terms of the hum together, as they are over a recording on the average. Orders that the noise has among its
     lines are the hum's as well.
     """
     first, values = terms[0], {each.name: fitted.values_of(each.name) for each in terms}
-    frequency = first.frequency_of(values[first.name])
-    waves, spread = np.zeros((len(fitted.blocks), 2)), np.zeros((len(fitted.blocks), 2))
+    frequency, shown = first.frequency_of(values[first.name]), max(max(term.orders) for term in terms)
+    waves, spread = np.zeros((2, len(fitted.blocks), len(ORDERS_SHOWN), 2))
     for i, (block, own) in enumerate(zip(fitted.blocks, fitted.fit.own, strict=True)):
         n, point = block.data.force.size, block.point._replace(rate=block.data.rate)
         said = [term.add(values[term.name], point, n) for term in terms]
         total = sum((each[channel] for each in said if each is not None), np.zeros(n))
         columns = line_columns(NoiseModel(1.0, 0.0, tuple(k * frequency for k in ORDERS_SHOWN), point.rate), n)
-        sizes = np.linalg.lstsq(columns.T, total)[0].reshape(2, -1)[:, order - 1]
-        shown = max(max(term.orders) for term in terms)
-        waves[i] = sizes + (near(block.lines_of(channel, own), order * frequency) if order > shown else 0.0)
+        waves[i] = np.linalg.lstsq(columns.T, total)[0].reshape(2, -1).T
+        lines = block.lines_of(channel, own)
+        waves[i] += [near(lines, k * frequency) if k > shown else np.zeros(2) for k in ORDERS_SHOWN]
         spread[i] = block.noise[channel].std * math.sqrt(2.0 / n)
-    if len(terms) == 1 and order in first.orders:
-        inside = fitted.indices_of(terms)
-        stds = np.sqrt(np.diag(fitted.covariance)[inside]) * np.array([each.width for each in first.unknowns])
-        at = 2 * first.orders.index(order)
-        spread = first.waves(stds)[:, channel, at : at + 2]
-    return mean_amplitude(waves, spread)
+    if len(terms) == 1:
+        stds = np.sqrt(np.diag(fitted.covariance)[fitted.indices_of(terms)])
+        own_spread = first.waves(stds * np.array([each.width for each in first.unknowns]))[:, channel]
+        for i, order in enumerate(first.orders):
+            spread[:, ORDERS_SHOWN.index(order)] = own_spread[:, 2 * i : 2 * i + 2]
+    return np.array([mean_amplitude(waves[:, i], spread[:, i]) for i in range(len(ORDERS_SHOWN))])
 
 
 def near(lines: Sequence[tuple[float, Floats]], frequency: float) -> Floats:

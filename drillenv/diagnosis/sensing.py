@@ -285,9 +285,9 @@ class HighPass(Sensor):
         return {name: (float(value), float(std), "Hz") for name, value, std in found if value > 2.0 * std}
 
     def charges_beside(self, taken: float, values: Floats, points: Sequence[OperatingPoint]) -> Floats:
-        """(recordings, 2) charges with which recordings begin as by this law, beside another.
+        """(recordings, 2) charges with which a law that takes away a share of the static force begins as this one does.
 
-        Of the static force of a rig that runs, that takes a share away, and this one as much as its gains are.
+        Of a rig that was running, this one takes away the sum of its gains.
         """
         charges = values[self.common :].reshape(-1, 2).copy()
         more = taken - sum(gain for channel, gain, _ in self.low_passes(values) if channel == FORCE)
@@ -500,7 +500,7 @@ def _charges(names: Sequence[str]) -> list[Unknown]:
 
 
 def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
-    """The library's equations, named as its effects; hums and offsets are also such as each recording has its own."""
+    """The library's equations, named as its effects; amplitudes of hums and own offsets are free in every recording."""
     rings = tuple({"f_a": each, "zeta_a": NARROW} for each in _resonators(24, rate))
     lags = tuple({"delay_f": 0.0, "delay_a": each} for each in (0.0, 1.5e-4, 3.5e-4, -1.5e-4))
     table = (

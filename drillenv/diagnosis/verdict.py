@@ -569,7 +569,7 @@ def own_lines(fitted: Fitted) -> list[float]:
     turn = QUARTER / max(each.data.force.size / each.data.rate for each in fitted.blocks)
     for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
         if isinstance(term, Added) and term.names:
-            frequency = own[0] if term.unknowns[0].name == "f_m" else term.frequency
+            frequency = term.frequency_of(own)
             aside = (-turn, 0.0, turn) if term.degree else (0.0,)
             found |= {abs(float(order * frequency + each)) for order in term.orders or (0,) for each in aside}
     # nearer to each other they are not told apart
