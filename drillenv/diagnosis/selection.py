@@ -516,7 +516,9 @@ def identify_equation(data: Sequence[Any], fitted: Fitted, step: Step, pool: Exe
     close = other.per_freedom < CLOSE
     noise = other.structure.rig.noise_left(other, pool) if close else other.noise
     structure = on_axes(other.structure, other.structure.rig.axes_at(other, pool))
-    other = fit_to(data, structure, other.fit.shared, other.fit.own, pool, other.weight, CONVERGED, noise)
+    # what else is missing moves a far model's minimum, so that to follow it to its end is in vain
+    limits = CONVERGED if close else SHORT
+    other = fit_to(data, structure, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return replace(step, after=other, named=named, terms=terms, pending=False)
