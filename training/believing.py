@@ -9,14 +9,17 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from drillenv.controllers.hole.belief import SIZE, Belief
 from drillenv.controllers.hole.learned import actions_of
+from drillenv.env.hole.costs import WELL_DRILLED
 
 BEGIN = (0.4, 0.0, -0.3, 0.0)
 """Outputs of the untrained policy: 99 Hz, 0.45 V, careful pressure, and a new bit at the wear that is usual."""
-NOISE = -1.2
-"""Logarithm of the standard deviation of the outputs at the start; it is learned."""
+NOISE = (-1.2, -1.2, -1.2, -3.0)
+"""Logarithms of the standard deviations of the outputs at the start; they are learned. That of the last is small: noise
+on the wear at which a bit is changed, drawn anew at each step, changes bits far too early, whereupon training learns to
+change them later, and the policy without noise breaks them."""
 SLOWEST = 0.05
 """Share of the learning rate that is left after the annealing."""
-METRE = 120.0
+METRE = WELL_DRILLED
 """EUR that a metre is worth in training: about what it costs. The best way to a given depth is the same at any price,
 but a discount makes waiting the dearer the more is still to be earned: at 600 EUR and gamma 0.995 a step costs ten
 times what the rig does, and no bit is ever changed."""

@@ -180,7 +180,7 @@ def _belief(learner: Learner) -> dict[str, np.ndarray]:
     """The memory of each hole by name, itself and no copy; nothing where none is drilled."""
     if learner.believing is None:
         return {}
-    return {f"belief{name}": value for name, value in vars(learner.believing.belief).items()}
+    return {f"belief{name}": value for name, value in learner.believing.belief.arrays.items()}
 
 
 def _parts(learner: Learner) -> list[str]:

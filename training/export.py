@@ -21,7 +21,7 @@ from drillenv.training.recipe import OFF_POLICY, WITH_CRITIC, Recipe, read_recip
 from drillenv.training.scaling import CENTRE, WIDTH
 
 FORMAT, FORMER_FORMAT = "drillenv-training/2", "drillenv-training/1"
-CONFIG = "config.json"
+CONFIG, RESULT = "config.json", "result.json"
 WHICH = ("best", "last")
 LARGEST_CONFIG = 100_000
 """Bytes; a configuration has some thousand."""
@@ -129,17 +129,19 @@ def read_config(run: Path) -> tuple[Recipe, int]:
 
 
 def exported(run: Path, which: str = "best") -> Policy | HolePolicy:
-    """The best policy of a run so far by its evaluations, or the last one, from its last checkpoint.
+    """The best policy of a run so far by its evaluations, or the last one, from its last checkpoint until it is done.
 
     Raises:
         InputError: no run, no checkpoint yet, no evaluation yet, or a policy that is none of controllers.
     """
     choice("which", which, WHICH)
     recipe, _ = read_config(run)
-    if recipe.algo in OFF_POLICY:
-        if not (run / which / DESCRIPTION).is_file():
-            raise InputError(f"{run} has no policy {which} for controllers: train for longer, or use {which}.zip there")
-        return read_policy(run / which)
+    written = (run / which / DESCRIPTION).is_file()
+    if recipe.algo in OFF_POLICY and not written:
+        raise InputError(f"{run} has no policy {which} for controllers: train for longer, or use {which}.zip there")
+    # a run that is done was evaluated once more after its last checkpoint, since it may be lengthened
+    if recipe.algo in OFF_POLICY or (which == "best" and written and (run / RESULT).is_file()):
+        return hole.read_policy(run / which) if recipe.believing else read_policy(run / which)
     from drillenv.training.checkpoint import latest
 
     checkpoint, _ = latest(run / "checkpoints")

@@ -25,9 +25,10 @@ from drillenv.controllers import Controller, OnPlant, sees_truth
 from drillenv.controllers.fixed import Random
 from drillenv.controllers.hole.learned import HoleLearned
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
+from drillenv.controllers.hole.planner import HolePlanner, KnowingPlanner
 from drillenv.controllers.hole.planning import physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
-from drillenv.env.hole.costs import BIT
+from drillenv.env.hole.costs import BIT, WELL_DRILLED
 from drillenv.env.hole.task import HoleTask
 from drillenv.files import check_writable, whole
 from drillenv.training.headroom import RESAMPLES
@@ -87,6 +88,9 @@ def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callabl
         "rules": lambda: [HoleRules()],
         "greedy, by the reward": lambda: [Greedy(wear_share=0.0)],
         "greedy, wear at the price of a bit": lambda: [Greedy(wear_share=1.0)],
+        "greedy, wear and metres at their prices": lambda: [Greedy(metre=WELL_DRILLED)],
+        "planner": lambda: [HolePlanner()],
+        "planner, knows all but the strengths": lambda: [KnowingPlanner()],
         "oracle, no change of bits": lambda: [HoleOracle(changes=False)],
     }
     for control, name in enumerate(PINNED):

@@ -17,6 +17,7 @@ from drillenv.checks import InputError, count, shown
 from drillenv.controllers import Controller
 from drillenv.controllers.hole.learned import DESCRIPTION, HoleLearned, read_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
+from drillenv.controllers.hole.planner import HolePlanner
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.controllers.policies.stable_baselines import read_model
 from drillenv.env.registration import HOLE_IDS, HOLE_STEPS
@@ -27,7 +28,14 @@ from drillenv.training.hole_headroom import ORACLE, RandomHole, row_of, summary,
 FORMAT = "drillenv-hole-league/1"
 ENVIRONMENT = "DrillBit"
 ROWS: Mapping[str, Callable[[], Controller]] = MappingProxyType(
-    {"random": RandomHole, "fixed": HoleFixed, "rules": HoleRules, "greedy": Greedy, ORACLE: HoleOracle}
+    {
+        "random": RandomHole,
+        "fixed": HoleFixed,
+        "rules": HoleRules,
+        "planner": HolePlanner,
+        "greedy": Greedy,
+        ORACLE: HoleOracle,
+    }
 )
 """The rows that this package has. ``greedy`` and the oracle know the hole."""
 LEARNED = "ppo"

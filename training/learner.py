@@ -84,6 +84,8 @@ class Learner:
         assert isinstance(head, torch.nn.Linear)
         with torch.no_grad():
             head.bias.copy_(torch.from_numpy(np.array(believing.BEGIN) if recipe.believing else outputs_for(*START)))
+            if recipe.believing:
+                self.model.policy.log_std.copy_(torch.tensor(believing.NOISE))
         self.model.policy.log_std.requires_grad_(recipe.believing)
         self.anneal()
 
@@ -168,8 +170,7 @@ def rigs_of(recipe: Recipe, number: int, threads: int | None = None, **arguments
 
 def network(recipe: Recipe) -> dict[str, Any]:
     """The network of a recipe as Stable-Baselines3 takes it."""
-    noise = {"log_std_init": believing.NOISE} if recipe.believing else {}
-    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation], **noise}
+    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation]}
 
 
 def _training_price(recipe: Recipe) -> dict[str, Any]:

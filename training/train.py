@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from threadpoolctl import threadpool_limits
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
@@ -36,7 +37,7 @@ from drillenv.checks import InputError, count, number
 from drillenv.files import whole
 from drillenv.training import checkpoint
 from drillenv.training.evaluation import Evaluation, better, evaluation_of_model, evaluation_of_policy, scenario_of
-from drillenv.training.export import CONFIG, FORMAT, controller_weights, policy_of, read_config, write
+from drillenv.training.export import CONFIG, FORMAT, RESULT, controller_weights, policy_of, read_config, write
 from drillenv.training.learner import Learner
 from drillenv.training.recipe import CHECKPOINT_SECONDS, OFF_POLICY, Recipe
 
@@ -198,7 +199,8 @@ def train(
     learner.model.set_logger(_logger(folder, first))
     with tqdm(total=timesteps, initial=min(first, timesteps), unit="step", disable=quiet) as bar:
         keeper = Keeper(learner, folder, notes, best, bar, checkpoint_seconds)
-        _learn(learner, keeper, timesteps)
+        with threadpool_limits(1):  # products of small matrices are not worth sharing out
+            _learn(learner, keeper, timesteps)
         result = _finish(keeper, folder, first, time.monotonic() - began)
     learner.model.logger.close()
     learner.close()
@@ -247,7 +249,7 @@ def _finish(keeper: Keeper, folder: Path, first: int, seconds: float) -> dict[st
         "seconds": seconds,
         "steps_a_second": (steps - first) / seconds,
     }
-    _write_json(folder / "result.json", result)
+    _write_json(folder / RESULT, result)
     return result
 
 

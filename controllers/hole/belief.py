@@ -1,16 +1,33 @@
-"""What can be known of a hole by remembering what was seen: how worn the bit may be, and where the frame resonates.
+"""What can be known of a hole by remembering what was seen: wear of the bit, the rock, and the frame's resonance.
 
-A reading says little of either by itself. So each is held against what was seen before: progress per blow and the time
-of contact against those of the same bit when it was new, since a blunt bit drills less and meets a stiffer rock; force
-per volt against that at other frequencies, since the frame takes force near its resonance.
+A reading says little of these by itself; how readings change says more. A blunt bit meets a stiffer rock and drills
+less, but so does a bit in another layer; wear can be reckoned from blows and forces, but for the abrasivity of the
+layer. A recurrent network (a gated recurrent unit, Cho et al., EMNLP 2014) weighs all this. It was trained on holes
+whose truth is known (:mod:`drillenv.training.hole_belief`) and runs with numpy alone. Where the frame resonates is told
+by a Bayesian filter on what the plant's physics foretell (:mod:`drillenv.controllers.hole.frame`).
 """
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
 import numpy as np
 
-from drillenv.controllers.hole.rules import reckoned_wear
+from drillenv.checks import InputError
+from drillenv.controllers.hole.frame import RESONANCES, FrameFilter
+from drillenv.controllers.hole.rules import RATING
+from drillenv.env.hole.batch import STEP
+from drillenv.env.hole.bit import CHATTER, EDGE_POWER, FATIGUE, FATIGUE_EXPONENT, LIFE
 from drillenv.env.hole.readings import READINGS
+
+FILE = Path(__file__).parents[1] / "plant_models" / "hole_belief.npz"
+UNITS = 64
+"""Of the recurrent network."""
 
 SCALES = {
     "mean_peak_force": (1.0, 2.0),
@@ -38,36 +55,96 @@ SCALES = {
 CENTRE = np.array([SCALES[reading.name][0] for reading in READINGS], dtype=np.float32)
 WIDTH = np.array([SCALES[reading.name][1] for reading in READINGS], dtype=np.float32)
 _AT = {reading.name: j for j, reading in enumerate(READINGS)}
-
-WEAR = CENTRE.size
-"""Where the reckoned wear of the bit stands in a belief."""
-NEW = 6
-"""Steps over which a bit is new."""
-QUICK, SLOW = 4.0, 24.0
-"""Time constants in steps of the two moving averages."""
-BANDS = np.linspace(72.5, 117.5, 10)
-"""Middles of the bands of frequencies in Hz, 5 Hz wide but for the first and the last, for which the force is kept."""
-SIGNS = 2
-"""Progress per blow and time of contact: what shows how blunt a bit is."""
-SIZE = WEAR + 1 + 4 * SIGNS + 2 * BANDS.size + 3
+USUAL = (-4.5, -6.2, 1.4)
+"""Logarithms of progress per blow in mm/s per Hz and kN, of the time of contact in s, and of the largest peak over the
+amplitude in kN/V, that are usual."""
+RECKONED = 2
+"""Parts of the wear that are reckoned: abrasion as on rock of abrasivity 1, and fatigue."""
+FEATURES = CENTRE.size + len(USUAL) + 2 * RECKONED
+"""Numbers that the network is given: readings; logarithms, see USUAL; and both parts of the wear, of the bit so far and
+of the last step."""
+NAMES = ("wear", "log_abrasivity", "log_stiffness", "log_hardening")
+"""What is estimated with a standard deviation: wear of the bit, abrasivity of the layer, its loading stiffness under
+the bit in units of STIFFNESS, and the unloading stiffness over it."""
+STIFFNESS = 3e7
+"""N/m."""
+ESTIMATES = 2 * len(NAMES)
+"""Numbers that the network gives: means, and logarithms of standard deviations."""
+SHOWN = CENTRE.size + len(USUAL)
+"""Numbers of the features that are a part of a belief: readings, and logarithms of what they come to."""
+WEAR = SHOWN
+"""Where the mean of the wear stands in a belief."""
+ODDS = WEAR + ESTIMATES
+"""Where the probabilities of the frame's resonances stand, see RESONANCES."""
+SIZE = ODDS + RESONANCES.size
 """Numbers of a belief."""
-USUAL = np.array([-4.5, -6.2])
-"""Logarithms of progress per blow in mm/s per Hz and kN, and of the time of contact in s, that are usual."""
+LOG_DEVIATIONS = (-5.0, 2.0)
+"""Ends of the logarithm of a standard deviation."""
 
 
-class Belief:
-    """Remembers for n rigs, each by itself.
+class Weights(NamedTuple):
+    """Of the network, float32: a layer with tanh, a gated recurrent unit as torch.nn.GRUCell, and a linear layer."""
+
+    input_weight: np.ndarray
+    input_bias: np.ndarray
+    weight_ih: np.ndarray
+    weight_hh: np.ndarray
+    bias_ih: np.ndarray
+    bias_hh: np.ndarray
+    output_weight: np.ndarray
+    output_bias: np.ndarray
+
+
+SHAPES: Mapping[str, tuple[int, ...]] = MappingProxyType(
+    {
+        "input_weight": (UNITS, FEATURES),
+        "input_bias": (UNITS,),
+        "weight_ih": (3 * UNITS, UNITS),
+        "weight_hh": (3 * UNITS, UNITS),
+        "bias_ih": (3 * UNITS,),
+        "bias_hh": (3 * UNITS,),
+        "output_weight": (ESTIMATES, UNITS),
+        "output_bias": (ESTIMATES,),
+    }
+)
+
+
+@cache
+def read_weights() -> Weights:
+    """The weights as they were trained.
+
+    Raises:
+        InputError: the file is missing or is another one.
+    """
+    try:
+        with np.load(FILE, allow_pickle=False) as data:
+            weights = Weights(*(data[name].astype(np.float32) for name in Weights._fields))
+    except (OSError, ValueError, KeyError):
+        raise InputError(
+            f"weights {FILE} cannot be read: make them with python -m drillenv.training.hole_belief"
+        ) from None
+    if any(each.shape != SHAPES[name] for name, each in weights._asdict().items()):
+        raise InputError(
+            f"weights {FILE} are of another version: make them with python -m drillenv.training.hole_belief"
+        )
+    return weights
+
+
+@cache
+def fingerprint() -> str:
+    """SHA-256 of the weights: a policy is worth something with the network only that it was trained with."""
+    return hashlib.sha256(b"".join(each.tobytes() for each in read_weights())).hexdigest()
+
+
+class Features:
+    """What the network is given, for n rigs, each by itself: readings, and what can be reckoned from them.
 
     Args:
         n: Number of rigs.
     """
 
     def __init__(self, n: int):
-        self._mean = np.zeros((n, SIGNS))  # of the new bit
-        self._quick, self._slow = np.zeros((n, SIGNS)), np.zeros((n, SIGNS))
-        self._steps, self._age = np.zeros(n), np.zeros(n)
-        self._wear, self._blows, self._last = np.zeros(n), np.zeros(n), np.zeros((n, 2))
-        self._force, self._known = np.zeros((n, BANDS.size)), np.zeros((n, BANDS.size))
+        self._blows, self._worn = np.zeros(n), np.zeros((n, RECKONED))
 
     def forget(self, rigs: np.ndarray) -> None:
         """Begin anew with these of the rigs."""
@@ -75,58 +152,84 @@ class Belief:
             each[rigs] = 0.0
 
     def of(self, readings: np.ndarray, rigs: np.ndarray | None = None) -> np.ndarray:
-        """What is known with these readings (m, 20) of these of the rigs, of all where None: (m, SIZE) float32."""
-        at = np.arange(len(self._wear)) if rigs is None else rigs
+        """(m, FEATURES) float32 for these readings (m, 20) of these of the rigs, of all where None."""
+        at = np.arange(len(self._blows)) if rigs is None else rigs
         seen = readings.astype(float)
-        signs = self._signs(seen)
-        self._follow_bit(seen, signs, at)
-        for average, steps in ((self._quick, QUICK), (self._slow, SLOW)):
-            weight = np.maximum(1.0 / (self._steps[at] + 1.0), 1.0 / steps)[:, None]
-            average[at] += weight * (signs - average[at])
-        self._steps[at] += 1.0
-        self._follow_frame(seen, at)
-        usual, new = signs - USUAL, self._mean[at]
-        return np.column_stack(
-            [
-                (seen - CENTRE) / WIDTH,
-                self._wear[at],
-                0.5 * usual,
-                2.0 * (signs - new),
-                2.0 * (self._quick[at] - new),
-                self._slow[at] - new,
-                self._force[at],
-                self._known[at],
-                self._last[at],
-                np.minimum(self._age[at] / NEW, 1.0),
-            ]
-        ).astype(np.float32)
-
-    @staticmethod
-    def _signs(seen: np.ndarray) -> np.ndarray:
-        """(m, SIGNS) logarithms, see :data:`USUAL`."""
-        frequency = np.maximum(seen[:, _AT["frequency"]], 1.0)
-        per_blow = seen[:, _AT["penetration_rate"]] / (frequency * np.maximum(seen[:, _AT["largest_peak_force"]], 0.05))
-        contact = np.maximum(seen[:, _AT["contact_share"]], 0.02) / frequency
-        return np.log(np.column_stack([np.maximum(per_blow, 1e-4), contact]))
-
-    def _follow_bit(self, seen: np.ndarray, signs: np.ndarray, at: np.ndarray) -> None:
-        """Reckon the wear; at a new bit, keep what the last one came to, and learn what the new one shows."""
         blows = 1e6 * seen[:, _AT["bit_blows"]]
         fresh = blows < self._blows[at]
-        now = at[fresh]
-        self._last[now] = np.column_stack([self._wear[now], np.ones(now.size)])
-        self._wear[now], self._age[now], self._mean[now] = 0.0, 0.0, 0.0
-        made = np.where(fresh, 0.0, blows - self._blows[at])
-        self._wear[at] += reckoned_wear(made, seen[:, _AT["mean_peak_force"]])
+        self._worn[at[fresh]] = 0.0
+        made = np.where(fresh, blows, blows - self._blows[at])
         self._blows[at] = blows
-        weight = np.where(self._age[at] < NEW, 1.0 / (self._age[at] + 1.0), 0.0)[:, None]
-        self._mean[at] += weight * (signs - self._mean[at])
-        self._age[at] += 1.0
+        step = wear_parts(made, seen)
+        self._worn[at] += step
+        scaled = np.clip((seen - CENTRE) / WIDTH, -5.0, 5.0)
+        signs = np.log(np.maximum(_signs(seen), 1e-4)) - USUAL
+        return np.column_stack([scaled, signs, self._worn[at], 20.0 * step]).astype(np.float32)
 
-    def _follow_frame(self, seen: np.ndarray, at: np.ndarray) -> None:
-        """Keep the force per volt that was last seen in each band of frequencies."""
-        band = np.abs(seen[:, _AT["frequency"]][:, None] - BANDS).argmin(axis=1)
-        drilled = seen[:, _AT["largest_peak_force"]] > 0.1
-        per_volt = seen[:, _AT["largest_peak_force"]] / np.maximum(seen[:, _AT["amplitude"]], 0.1)
-        self._force[at[drilled], band[drilled]] = np.log(np.maximum(per_volt, 0.2) / 4.0)[drilled]
-        self._known[at[drilled], band[drilled]] = 1.0
+
+def _signs(seen: np.ndarray) -> np.ndarray:
+    """(m, 3) progress per blow, time of contact, and peak over amplitude, see :data:`USUAL`."""
+    frequency, peak = np.maximum(seen[:, _AT["frequency"]], 1.0), np.maximum(seen[:, _AT["largest_peak_force"]], 0.05)
+    per_blow = seen[:, _AT["penetration_rate"]] / (frequency * peak)
+    contact = np.maximum(seen[:, _AT["contact_share"]], 0.02) / frequency
+    return np.column_stack([per_blow, contact, peak / np.maximum(seen[:, _AT["amplitude"]], 0.1)])
+
+
+def wear_parts(blows: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(m, RECKONED) wear by so many blows, where readings (m, 20) are of them; see :mod:`drillenv.env.hole.bit`."""
+    u = seen[:, _AT["mean_peak_force"]] / RATING
+    heat = blows / STEP * u * u / EDGE_POWER
+    alike = (np.abs(seen[:, _AT["impacts_per_cycle"]] - 1.0) < 0.1) & (seen[:, _AT["period_two"]] < 0.1)
+    chatter = np.where(alike, 1.0, 1.0 + CHATTER)
+    parts = np.column_stack([0.5 * (1.0 + u) * (1.0 + heat * heat), FATIGUE * u**FATIGUE_EXPONENT])
+    return (blows * chatter / LIFE)[:, None] * parts
+
+
+class Belief:
+    """Remembers for n rigs, each by itself.
+
+    Args:
+        n: Number of rigs.
+        weights: Of the network; those that were trained where left out.
+
+    Raises:
+        InputError: there are no weights.
+    """
+
+    def __init__(self, n: int, weights: Weights | None = None):
+        self._weights = weights or read_weights()
+        self._features, self._frame = Features(n), FrameFilter(n)
+        self._hidden = np.zeros((n, UNITS), dtype=np.float32)
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that is remembered, to be kept and put back."""
+        return {**vars(self._features), "_hidden": self._hidden, "_frame": self._frame.log_odds}
+
+    def forget(self, rigs: np.ndarray) -> None:
+        """Begin anew with these of the rigs."""
+        self._features.forget(rigs)
+        self._frame.forget(rigs)
+        self._hidden[rigs] = 0.0
+
+    def of(self, readings: np.ndarray, rigs: np.ndarray | None = None) -> np.ndarray:
+        """What is known with these readings (m, 20) of these of the rigs, of all where None: (m, SIZE) float32."""
+        at = np.arange(len(self._hidden)) if rigs is None else rigs
+        features, w = self._features.of(readings, rigs), self._weights
+        before = self._hidden[at]
+        given = np.tanh(features @ w.input_weight.T + w.input_bias) @ w.weight_ih.T + w.bias_ih
+        kept = before @ w.weight_hh.T + w.bias_hh
+        reset, update = (
+            1.0 / (1.0 + np.exp(-(given[:, part] + kept[:, part]))) for part in (slice(UNITS), slice(UNITS, 2 * UNITS))
+        )
+        new = np.tanh(given[:, 2 * UNITS :] + reset * kept[:, 2 * UNITS :])
+        self._hidden[at] = hidden = (1.0 - update) * new + update * before
+        means, deviations = estimates(hidden @ w.output_weight.T + w.output_bias)
+        odds = self._frame.of(readings.astype(float), STIFFNESS * np.exp(means[:, 2]), np.exp(means[:, 3]), at)
+        return np.column_stack([features[:, :SHOWN], means, deviations, odds]).astype(np.float32)
+
+
+def estimates(outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, len(NAMES)) means and standard deviations for what the network gives, (m, ESTIMATES)."""
+    n = len(NAMES)
+    return outputs[:, :n], np.exp(np.clip(outputs[:, n:], *LOG_DEVIATIONS))

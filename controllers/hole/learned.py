@@ -18,11 +18,11 @@ import numpy as np
 from safetensors.numpy import load, save
 
 from drillenv.checks import InputError, shown
-from drillenv.controllers.hole.belief import SIZE, WEAR, Belief
+from drillenv.controllers.hole.belief import SIZE, WEAR, Belief, fingerprint
 from drillenv.env.task import RANGES
 from drillenv.files import whole
 
-FORMAT = "drillenv-hole-policy/2"
+FORMAT = "drillenv-hole-policy/3"
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
 LARGEST = 16_000_000
 """Bytes of the weights."""
@@ -30,22 +30,29 @@ RATIO, HALF_RATIO, SLOPE = 2.0, 1.2, 1.5
 """Pressure over amplitude at 120 Hz in bar/V that an output of 0 stands for, what an output of 1 adds, and the power of
 the frequency with which both fall below: the boundary of P-1-I-1 goes so."""
 CHANGE_AT, SOONER = 0.8, 0.7
-"""Reckoned wear at which an output of 0 changes the bit, and by how much less an output of 1 does."""
+"""Estimated wear at which an output of 0 changes the bit, and by how much less an output of 1 does."""
 
 
 def actions_of(outputs: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Actions (..., 4) float32 for what a policy gives, (..., 4), where so much is known of the hole, (..., SIZE).
 
-    Outputs say at which frequency, amplitude and ratio to drill, and by how much sooner or later than at the reckoned
-    wear :data:`CHANGE_AT` to change the bit.
+    Outputs say at which frequency, amplitude and ratio to drill, see :func:`settings_of`, and by how much sooner or
+    later than at the estimated wear :data:`CHANGE_AT` to change the bit.
     """
+    settings = settings_of(outputs[..., :3])
+    sooner = SOONER * np.clip(outputs[..., 3].astype(float), -1.0, 1.0)
+    change = np.sign(known[..., WEAR] - CHANGE_AT + sooner)
+    return np.concatenate([settings, change[..., None]], axis=-1).astype(np.float32)
+
+
+def settings_of(outputs: np.ndarray) -> np.ndarray:
+    """(..., 3) frequency, amplitude and pressure as actions for outputs (..., 3), the last of them of the ratio."""
     held = np.clip(outputs.astype(float), -1.0, 1.0)
     middle, half = RANGES.mean(axis=1), 0.5 * (RANGES[:, 1] - RANGES[:, 0])
     frequency, amplitude = middle[0] + half[0] * held[..., 0], middle[1] + half[1] * held[..., 1]
     ratio = (RATIO + HALF_RATIO * held[..., 2]) * (frequency / RANGES[0, 1]) ** SLOPE
     pressure = np.clip((ratio * amplitude - middle[2]) / half[2], -1.0, 1.0)
-    change = np.sign(known[..., WEAR] - CHANGE_AT + SOONER * held[..., 3])
-    return np.stack([held[..., 0], held[..., 1], pressure, change], axis=-1).astype(np.float32)
+    return np.stack([held[..., 0], held[..., 1], pressure], axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +118,12 @@ def write_policy(folder: str | Path, policy: HolePolicy) -> None:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot write to {place} ({error.strerror}): give another folder") from None
-    record = {"format": FORMAT, "layers": policy.layers, "provenance": dict(policy.provenance)}
+    record = {
+        "format": FORMAT,
+        "layers": policy.layers,
+        "belief": fingerprint(),
+        "provenance": dict(policy.provenance),
+    }
     weights = {name: np.ascontiguousarray(value, np.float32) for name, value in policy.weights.items()}
     with whole(place / WEIGHTS) as part:
         part.write_bytes(save(weights))
@@ -138,6 +150,8 @@ def read_policy(folder: str | Path) -> HolePolicy:
         raise InputError(f"policy {shown(str(folder))} cannot be read ({why}): give a folder with a policy") from None
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         raise InputError(f"policy {shown(str(folder))} is not of the format {FORMAT}: give one that is")
+    if record.get("belief") != fingerprint():
+        raise InputError(f"policy {shown(str(folder))} was trained with another belief of holes: train it again")
     inputs, layers, provenance = SIZE, record.get("layers"), record.get("provenance")
     if type(layers) is not int or not isinstance(provenance, dict):
         raise InputError(f"policy {shown(str(folder))} does not say its layers and provenance: give another")

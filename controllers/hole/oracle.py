@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -156,11 +158,16 @@ class Greedy(HoleOracle):
     Args:
         task: What is drilled for.
         wear_share: Factor on that price of wear.
+        metre: What a metre is worth to it, in EUR; what it is paid with where left out. The higher, the more it
+            hurries.
     """
 
     _plans = False
 
-    def __init__(self, task: HoleTask | None = None, wear_share: float = 1.0):
-        super().__init__(task)
+    def __init__(self, task: HoleTask | None = None, wear_share: float = 1.0, metre: float | None = None):
+        own = copy(task or HoleTask())
+        if metre is not None:
+            own.costs = replace(own.costs, metre=metre)
+        super().__init__(own)
         costs = self._task.costs
         self._wear_price = wear_share * (costs.bit + costs.rig_rate / 3600.0 * costs.change_time)

@@ -9,9 +9,10 @@ import torch
 from stable_baselines3 import PPO, SAC
 
 from drillenv import cli
-from drillenv.controllers.hole.belief import CENTRE, Belief
+from drillenv.controllers.hole.belief import CENTRE, WIDTH, Belief
 from drillenv.controllers.hole.learned import HoleLearned, HolePolicy, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
+from drillenv.env.hole.readings import READINGS
 from drillenv.env.registration import HOLES
 from drillenv.training import believing, hole_headroom, hole_search, train
 from drillenv.training.evaluation import evaluation_of_model
@@ -195,8 +196,9 @@ def test_a_hole_that_is_over_is_forgotten_and_its_end_kept():
     raw = rigs.venv.rigs._observations  # type: ignore[union-attr]
     assert known == pytest.approx(Belief(2).of(raw))
     last = np.stack([each["terminal_observation"] for each in infos])
-    wear = CENTRE.size
-    assert (last[:, wear] > 0.0).all() and (known[:, wear] == 0.0).all()
+    ended = np.stack([CENTRE + WIDTH * each[: CENTRE.size] for each in last])
+    depth = [reading.name for reading in READINGS].index("hole_depth")
+    assert (ended[:, depth] > 0.01).all() and (raw[:, depth] == 0.0).all()
 
 
 def test_the_table_of_a_record():

@@ -53,7 +53,7 @@ def test_everybody_gets_a_row(folder, capsys):
     printed = capsys.readouterr().out
     record = read_record(folder / "record.json", FORMAT, "rows")
     assert list(record["rows"]) == [
-        "random", "fixed", "rules", "greedy", "oracle", "ppo", "my_holes:Mine", "mine", "own", "one",
+        "random", "fixed", "rules", "planner", "greedy", "oracle", "ppo", "my_holes:Mine", "mine", "own", "one",
     ]  # fmt: skip
     for row, measured in record["rows"].items():
         assert set(MEASURES) <= set(measured) and len(measured["cost_per_metre"]) == 2

@@ -9,6 +9,9 @@ import numpy as np
 
 from drillenv.checks import InputError, number, shown
 
+WELL_DRILLED = 120.0
+"""EUR/m that a hole costs where it is drilled well, about."""
+
 
 @dataclass(frozen=True, slots=True)
 class Costs:
