@@ -202,8 +202,8 @@ def errors_of(network: Network, made: Drilled) -> dict[str, float]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Returns the exit code: 0, 2 on bad input."""
     parser = Parser(prog="python -m drillenv.training.hole_belief", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--steps", type=int, default=12_800, help=f"of each of {RIGS} rigs (default 12800)")
-    parser.add_argument("--epochs", type=int, default=20, help="passes over them (default 20)")
+    parser.add_argument("--steps", type=int, default=8_000, help=f"of each of {RIGS} rigs (default 8000)")
+    parser.add_argument("--epochs", type=int, default=28, help="passes over them (default 28)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=FILE, help="the weights (default: those that controllers read)")
     parser.add_argument("--json", type=Path, help="write the errors on holes held out")

@@ -23,9 +23,9 @@ from drillenv.checks import InputError, count
 from drillenv.cli import Parser
 from drillenv.controllers import Controller, OnPlant, sees_truth
 from drillenv.controllers.fixed import Random
+from drillenv.controllers.hole.certainty_equivalent import HolePlanner, KnowingPlanner
 from drillenv.controllers.hole.learned import HoleLearned
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
-from drillenv.controllers.hole.planner import HolePlanner, KnowingPlanner
 from drillenv.controllers.hole.planning import physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.env.hole.costs import BIT, WELL_DRILLED

@@ -15,9 +15,9 @@ from typing import Any
 from drillenv import controllers
 from drillenv.checks import InputError, count, shown
 from drillenv.controllers import Controller
+from drillenv.controllers.hole.certainty_equivalent import HolePlanner
 from drillenv.controllers.hole.learned import DESCRIPTION, HoleLearned, read_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
-from drillenv.controllers.hole.planner import HolePlanner
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.controllers.policies.stable_baselines import read_model
 from drillenv.env.registration import HOLE_IDS, HOLE_STEPS

@@ -20,9 +20,8 @@ import numpy as np
 
 from drillenv.checks import InputError
 from drillenv.controllers.hole.frame import RESONANCES, FrameFilter
-from drillenv.controllers.hole.rules import RATING
-from drillenv.env.hole.batch import STEP
-from drillenv.env.hole.bit import CHATTER, EDGE_POWER, FATIGUE, FATIGUE_EXPONENT, LIFE
+from drillenv.controllers.hole.rules import reckoned_wear
+from drillenv.env.hole.bit import CHATTER
 from drillenv.env.hole.readings import READINGS
 
 FILE = Path(__file__).parents[1] / "plant_models" / "hole_belief.npz"
@@ -160,10 +159,11 @@ class Features:
         self._worn[at[fresh]] = 0.0
         made = np.where(fresh, blows, blows - self._blows[at])
         self._blows[at] = blows
-        step = wear_parts(made, seen)
+        step = _chatter(seen)[:, None] * reckoned_wear(made, seen[:, _AT["mean_peak_force"]])
         self._worn[at] += step
         scaled = np.clip((seen - CENTRE) / WIDTH, -5.0, 5.0)
         signs = np.log(np.maximum(_signs(seen), 1e-4)) - USUAL
+        # a bit lasts some hundred steps; all that the network is given is of the order of 1
         return np.column_stack([scaled, signs, self._worn[at], 20.0 * step]).astype(np.float32)
 
 
@@ -175,14 +175,10 @@ def _signs(seen: np.ndarray) -> np.ndarray:
     return np.column_stack([per_blow, contact, peak / np.maximum(seen[:, _AT["amplitude"]], 0.1)])
 
 
-def wear_parts(blows: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(m, RECKONED) wear by so many blows, where readings (m, 20) are of them; see :mod:`drillenv.env.hole.bit`."""
-    u = seen[:, _AT["mean_peak_force"]] / RATING
-    heat = blows / STEP * u * u / EDGE_POWER
+def _chatter(seen: np.ndarray) -> np.ndarray:
+    """(m,) by which blows wear more where they do not come singly and alike, see :mod:`drillenv.env.hole.bit`."""
     alike = (np.abs(seen[:, _AT["impacts_per_cycle"]] - 1.0) < 0.1) & (seen[:, _AT["period_two"]] < 0.1)
-    chatter = np.where(alike, 1.0, 1.0 + CHATTER)
-    parts = np.column_stack([0.5 * (1.0 + u) * (1.0 + heat * heat), FATIGUE * u**FATIGUE_EXPONENT])
-    return (blows * chatter / LIFE)[:, None] * parts
+    return np.where(alike, 1.0, 1.0 + CHATTER)
 
 
 class Belief:

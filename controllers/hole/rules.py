@@ -138,7 +138,7 @@ class HoleRules:
         self._wear[fresh], self._best[fresh] = 0.0, 0.0
         blows = np.where(fresh, 0.0, seen[:, _AT["bit_blows"]] * 1e6 - self._blows)
         self._blows = seen[:, _AT["bit_blows"]] * 1e6
-        self._wear += reckoned_wear(blows, seen[:, _AT["mean_peak_force"]])
+        self._wear += reckoned_wear(blows, seen[:, _AT["mean_peak_force"]]).sum(axis=1)
         rate = seen[:, _AT["frequency"]] * np.maximum(seen[:, _AT["largest_peak_force"]], 0.05)
         per_blow = seen[:, _AT["penetration_rate"]] / rate
         self._best = np.maximum(self._best, per_blow)
@@ -178,10 +178,14 @@ class HoleFixed:
 
 
 def reckoned_wear(blows: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Wear of a bit by so many blows of a force in kN in a step, as on rock of middling abrasivity."""
+    """(m, 2) wear of a bit by so many single blows of a force in kN in a step: abrasion and fatigue.
+
+    As on rock of middling abrasivity, that is 1; see :mod:`drillenv.env.hole.bit`.
+    """
     u = force / RATING
     heat = blows / STEP * u * u / EDGE_POWER
-    return blows * (0.5 * (1.0 + u) * (1.0 + heat * heat) + FATIGUE * u**FATIGUE_EXPONENT) / LIFE
+    abrasion = 0.5 * (1.0 + u) * (1.0 + heat * heat)
+    return (blows / LIFE)[:, None] * np.column_stack([abrasion, FATIGUE * u**FATIGUE_EXPONENT])
 
 
 def _rise_at_1_volt(frequency: np.ndarray) -> np.ndarray:

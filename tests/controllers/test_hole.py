@@ -8,10 +8,10 @@ import pytest
 
 from drillenv.checks import InputError
 from drillenv.controllers.hole.belief import ODDS, SIZE, WEAR, Belief
+from drillenv.controllers.hole.certainty_equivalent import HolePlanner, KnowingPlanner, believed, hazard, spent_by
 from drillenv.controllers.hole.frame import RESONANCES
 from drillenv.controllers.hole.learned import HoleLearned, HolePolicy, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
-from drillenv.controllers.hole.planner import HolePlanner, KnowingPlanner, believed, hazard, spent_by
 from drillenv.controllers.hole.planning import BITS, drilled, physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
 from drillenv.controllers.hole.settled import (

@@ -8,7 +8,7 @@ import pytest
 
 from drillenv import cli
 from drillenv.controllers.hole.belief import SIZE
-from drillenv.controllers.hole.learned import HolePolicy, write_policy
+from drillenv.controllers.hole.learned import HolePolicy, read_policy, write_policy
 from drillenv.controllers.hole.rules import HoleRules
 from drillenv.training.evaluate import Run, read_record
 from drillenv.training.hole_headroom import MEASURES, row_of, summary, table
@@ -136,6 +136,9 @@ def test_an_action_that_is_none_is_refused(folder, monkeypatch):
 def test_the_published_table_is_that_of_its_record_and_its_cheap_rows_are_current():
     record = json.loads((PUBLISHED / "headroom-bit.json").read_text(encoding="utf-8"))
     assert table(record) in (PUBLISHED / "README.md").read_text(encoding="utf-8")
+    shipped = sorted((PUBLISHED / "policies").glob("ppo-*"))
+    assert f"ppo, {len(shipped)} seeds" in record["rows"]
+    assert [read_policy(each).provenance["seed"] for each in shipped] == list(range(len(shipped)))
     for row in ("fixed", "rules"):
         made = row_of([run.make() for run in entries([row])[row]], record["scenario"], 2)
         assert made["cost_per_metre"] == pytest.approx(record["rows"][row]["cost_per_metre"][:2], rel=1e-9)

@@ -1,8 +1,9 @@
 """Sets what makes a metre cheapest, with wear at its price, on the hole that it believes in.
 
-What cannot be read is estimated (:mod:`drillenv.controllers.hole.belief`). Of every setting the table of settled
-motions (:mod:`drillenv.controllers.hole.settled`) then says progress, wear and heat, in the mean over where the frame
-may resonate, and the setting with the least
+Certainty equivalence (Simon, Econometrica 24, 1956, 74): what cannot be read is estimated
+(:mod:`drillenv.controllers.hole.belief`), and acted on as if it were so. Of every setting the table of settled motions
+(:mod:`drillenv.controllers.hole.settled`) says progress, wear and heat, in the mean over where the frame may resonate,
+and the setting with the least
 
     (rig + energy + price of wear * wear a second) / progress
 
