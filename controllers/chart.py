@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from drillenv.checks import InputError
+from drillenv.files import read_arrays
 
 FREQUENCY = 120.0
 """Hz. Below it the same force makes less progress, on every rock."""
@@ -70,15 +70,9 @@ def read_chart() -> Chart:
     Raises:
         InputError: the file is missing or is another one.
     """
-    try:
-        with np.load(FILE, allow_pickle=False) as data:
-            chart = Chart(data["features"].astype(float), data["boundary"].astype(float))
-    except (OSError, ValueError, KeyError):
-        raise InputError(f"chart {FILE} cannot be read: make it with python -m drillenv.controllers.chart") from None
     shape = (len(FEATURES), RATIOS.size, LOADING.size, HARDENING.size)
-    if chart.features.shape != shape or chart.boundary.shape != shape[2:]:
-        raise InputError(f"chart {FILE} is of another version: make it anew with python -m drillenv.controllers.chart")
-    return chart
+    shapes = {"features": shape, "boundary": shape[2:]}
+    return Chart(**read_arrays(FILE, "chart", shapes, "drillenv.controllers.chart"))
 
 
 def compute_chart() -> Chart:

@@ -1,14 +1,16 @@
-"""Files written whole or not at all, and JSON records read."""
+"""Files written whole or not at all, and JSON records and shipped arrays read."""
 
 from __future__ import annotations
 
 import json
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from drillenv.checks import InputError, shown
 
@@ -45,6 +47,28 @@ def read_record(path: str | os.PathLike[str], what: str, form: str, largest: int
         return parse(record)
     except InputError as error:
         raise InputError(f"{what} {file}: {error}") from None
+
+
+def read_arrays(file: Path, what: str, shapes: Mapping[str, tuple[int, ...]], maker: str) -> dict[str, np.ndarray]:
+    """The arrays of an npz file that ships with the package, float64.
+
+    Args:
+        file: Where it lies.
+        what: It is called in messages.
+        shapes: Of each array, by name.
+        maker: The module that makes the file.
+
+    Raises:
+        InputError: the file is missing, or an array is, or has another shape.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as data:
+            arrays = {name: data[name].astype(float) for name in shapes}
+    except (OSError, ValueError, KeyError):
+        raise InputError(f"{what} {file} cannot be read: make it with python -m {maker}") from None
+    if any(arrays[name].shape != shape for name, shape in shapes.items()):
+        raise InputError(f"{what} {file} is of another version: make it anew with python -m {maker}")
+    return arrays
 
 
 @contextmanager

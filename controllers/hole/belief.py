@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drillenv.checks import InputError
 from drillenv.controllers.hole.frame import RESONANCES, FrameFilter
-from drillenv.controllers.hole.rules import reckoned_wear
+from drillenv.controllers.hole.rules import reckoned_wear, single_blows
 from drillenv.env.hole.bit import CHATTER
-from drillenv.env.hole.readings import READINGS
+from drillenv.env.hole.readings import AT, READINGS
+from drillenv.files import read_arrays
 
 FILE = Path(__file__).parents[1] / "plant_models" / "hole_belief.npz"
 UNITS = 64
@@ -53,7 +53,6 @@ SCALES = {
 """Centre and width of each reading in its unit: about the middle and the spread of what is met."""
 CENTRE = np.array([SCALES[reading.name][0] for reading in READINGS], dtype=np.float32)
 WIDTH = np.array([SCALES[reading.name][1] for reading in READINGS], dtype=np.float32)
-_AT = {reading.name: j for j, reading in enumerate(READINGS)}
 USUAL = (-4.5, -6.2, 1.4)
 """Logarithms of progress per blow in mm/s per Hz and kN, of the time of contact in s, and of the largest peak over the
 amplitude in kN/V, that are usual."""
@@ -115,18 +114,8 @@ def read_weights() -> Weights:
     Raises:
         InputError: the file is missing or is another one.
     """
-    try:
-        with np.load(FILE, allow_pickle=False) as data:
-            weights = Weights(*(data[name].astype(np.float32) for name in Weights._fields))
-    except (OSError, ValueError, KeyError):
-        raise InputError(
-            f"weights {FILE} cannot be read: make them with python -m drillenv.training.hole_belief"
-        ) from None
-    if any(each.shape != SHAPES[name] for name, each in weights._asdict().items()):
-        raise InputError(
-            f"weights {FILE} are of another version: make them with python -m drillenv.training.hole_belief"
-        )
-    return weights
+    arrays = read_arrays(FILE, "network", SHAPES, "drillenv.training.hole_belief")
+    return Weights(**{name: each.astype(np.float32) for name, each in arrays.items()})
 
 
 @cache
@@ -154,12 +143,12 @@ class Features:
         """(m, FEATURES) float32 for these readings (m, 20) of these of the rigs, of all where None."""
         at = np.arange(len(self._blows)) if rigs is None else rigs
         seen = readings.astype(float)
-        blows = 1e6 * seen[:, _AT["bit_blows"]]
+        blows = 1e6 * seen[:, AT["bit_blows"]]
         fresh = blows < self._blows[at]
         self._worn[at[fresh]] = 0.0
         made = np.where(fresh, blows, blows - self._blows[at])
         self._blows[at] = blows
-        step = _chatter(seen)[:, None] * reckoned_wear(made, seen[:, _AT["mean_peak_force"]])
+        step = _chatter(seen)[:, None] * reckoned_wear(made, seen[:, AT["mean_peak_force"]])
         self._worn[at] += step
         scaled = np.clip((seen - CENTRE) / WIDTH, -5.0, 5.0)
         signs = np.log(np.maximum(_signs(seen), 1e-4)) - USUAL
@@ -169,16 +158,15 @@ class Features:
 
 def _signs(seen: np.ndarray) -> np.ndarray:
     """(m, 3) progress per blow, time of contact, and peak over amplitude, see :data:`USUAL`."""
-    frequency, peak = np.maximum(seen[:, _AT["frequency"]], 1.0), np.maximum(seen[:, _AT["largest_peak_force"]], 0.05)
-    per_blow = seen[:, _AT["penetration_rate"]] / (frequency * peak)
-    contact = np.maximum(seen[:, _AT["contact_share"]], 0.02) / frequency
-    return np.column_stack([per_blow, contact, peak / np.maximum(seen[:, _AT["amplitude"]], 0.1)])
+    frequency, peak = np.maximum(seen[:, AT["frequency"]], 1.0), np.maximum(seen[:, AT["largest_peak_force"]], 0.05)
+    per_blow = seen[:, AT["penetration_rate"]] / (frequency * peak)
+    contact = np.maximum(seen[:, AT["contact_share"]], 0.02) / frequency
+    return np.column_stack([per_blow, contact, peak / np.maximum(seen[:, AT["amplitude"]], 0.1)])
 
 
 def _chatter(seen: np.ndarray) -> np.ndarray:
     """(m,) by which blows wear more where they do not come singly and alike, see :mod:`drillenv.env.hole.bit`."""
-    alike = (np.abs(seen[:, _AT["impacts_per_cycle"]] - 1.0) < 0.1) & (seen[:, _AT["period_two"]] < 0.1)
-    return np.where(alike, 1.0, 1.0 + CHATTER)
+    return np.where(single_blows(seen), 1.0, 1.0 + CHATTER)
 
 
 class Belief:

@@ -33,26 +33,25 @@ from drillenv.env.hole.batch import STEP
 from drillenv.env.hole.bit import STRENGTH, STRENGTH_SHAPE, stiffening
 from drillenv.env.hole.costs import BIT, CHANGE_TIME, FISHING_TIME, RIG_RATE
 from drillenv.env.hole.episodes import LAYER_ABRASIVITY, LAYER_END, LAYER_KL, LAYER_KU, MOST_BITS, Hole
-from drillenv.env.hole.readings import DEPTH, READINGS
+from drillenv.env.hole.readings import AT, DEPTH
 from drillenv.env.hole.readings import WEAR as HOLE_WEAR
 from drillenv.env.hole.task import HoleTask
 from drillenv.env.scalar import EnvState
 from drillenv.env.task import action_for
 
-_AT = {reading.name: j for j, reading in enumerate(READINGS)}
 SCAN = (116.0, 107.0, 98.0)
 """Frequencies in Hz of the first steps, that show where the frame resonates."""
 SCAN_SETTING = (0.4, 0.55)
 """V and bar of them."""
 UNLIKELY = 0.02
 """Resonances with less probability are left out."""
-STAY = 0.04
+HYSTERESIS = 0.04
 """By this share another setting must be better than the present one: a motion takes time to settle."""
 MARGIN = 4.0
 """K below the limit of the coil that are kept."""
 SLOWEST = 5e-5
 """m/s below which a setting is left out."""
-SPREAD, SHARES = np.polynomial.hermite_e.hermegauss(5)
+POINTS, SHARES = np.polynomial.hermite_e.hermegauss(5)
 SHARES = SHARES / SHARES.sum()
 """Points and weights for means over a normal distribution."""
 PROGRESS, WORN = 0, 1
@@ -74,7 +73,7 @@ def hazard(wear: np.ndarray) -> np.ndarray:
     return STRENGTH_SHAPE / STRENGTH * (np.maximum(wear, 0.0) / STRENGTH) ** (STRENGTH_SHAPE - 1.0)
 
 
-def spent_by(wear: float) -> float:
+def cumulative_hazard(wear: float) -> float:
     """The integral of the hazard."""
     return (max(wear, 0.0) / STRENGTH) ** STRENGTH_SHAPE
 
@@ -151,10 +150,10 @@ class HolePlanner:
         scan = self._to_scan()
         for i, known in enumerate(self._know(readings)):
             found = self._rates(known)
-            at = self._cheapest(found, float(readings[i, _AT["coil_rise"]]), int(self._present[i]))
+            at = self._cheapest(found, float(readings[i, AT["coil_rise"]]), int(self._present[i]))
             self._present[i] = at
             actions[i, :3] = self._actions[at] if scan is None else scan
-            if self._worn_out(known, float(readings[i, _AT["depth_left"]] * found[at, WORN] / found[at, PROGRESS])):
+            if self._worn_out(known, float(readings[i, AT["depth_left"]] * found[at, WORN] / found[at, PROGRESS])):
                 actions[i, 3] = 1.0
         self._step += 1
         return actions[0] if observation.ndim == 1 else actions
@@ -182,12 +181,12 @@ class HolePlanner:
         hot = final + (rise - final) * math.exp(-STEP / shaker.TIME_CONSTANT) > shaker.LIMIT - MARGIN
         metre = np.where((progress > SLOWEST) & ~hot, (cost + self._price * worn) / progress, np.inf)
         best = int(np.argmin(metre))
-        return present if present >= 0 and metre[present] < (1.0 + STAY) * metre[best] else best
+        return present if present >= 0 and metre[present] < (1.0 + HYSTERESIS) * metre[best] else best
 
     def _worn_out(self, known: Known, ahead: float) -> bool:
         """Whether to change the bit, where so much more wear leads to the bottom of the hole."""
-        risk = float(SHARES @ hazard(known.wear + known.spread * SPREAD)) * (self._break - self._change)
-        broken = -math.expm1(spent_by(known.wear) - spent_by(known.wear + ahead))
+        risk = float(SHARES @ hazard(known.wear + known.spread * POINTS)) * (self._break - self._change)
+        broken = -math.expm1(cumulative_hazard(known.wear) - cumulative_hazard(known.wear + ahead))
         return risk > self._price and broken * self._break > self._change
 
 

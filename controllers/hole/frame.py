@@ -4,10 +4,10 @@ The frame takes up to 60 % of the force around its resonance (:mod:`drillenv.env
 which it may resonate, the table of settled motions foretells the peak of the blows at the setting that was driven, on
 the rock as it is estimated. How far the logarithm of the peak is from that, says how likely each is:
 
-    log odds <- KEEP log odds + log((1 - STRAY) N(log(peak / foretold); 0, SPREAD) + STRAY / 2)
+    log odds <- FORGETTING log odds + log((1 - OUTLIERS) N(log(peak / foretold); 0, DEVIATION) + OUTLIERS / 2)
 
-STRAY is the share of steps whose motion had not settled or is another one. Only steps of single blows are judged. KEEP
-is below 1 since the errors of the table are the same from step to step and not independent.
+OUTLIERS is the share of steps whose motion had not settled or is another one. Only steps of single blows are judged.
+The forgetting factor is below 1 since the errors of the table are the same from step to step and not independent.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import math
 import numpy as np
 from numba import njit
 
+from drillenv.controllers.hole.rules import single_blows
 from drillenv.controllers.hole.settled import FEATURES, PEAK, look_up, read_settled
 from drillenv.dynamics.compiled import KERNEL
 from drillenv.env.hole import shaker
-from drillenv.env.hole.readings import READINGS
+from drillenv.env.hole.readings import AT
 
 RESONANCES = np.arange(shaker.RESONANCE_RANGE[0] + 1.25, shaker.RESONANCE_RANGE[1], 2.5)
 """In Hz, evenly over where frames resonate."""
-SPREAD = 0.08
-STRAY = 0.1
-KEEP = 0.97
-_AT = {reading.name: j for j, reading in enumerate(READINGS)}
-_SETTING = [_AT[name] for name in ("frequency", "amplitude", "pressure", "largest_peak_force")]
+DEVIATION = 0.08
+OUTLIERS = 0.1
+FORGETTING = 0.97
+_SETTING = [AT[name] for name in ("frequency", "amplitude", "pressure", "largest_peak_force")]
 
 
 @njit(**KERNEL)
@@ -41,9 +41,9 @@ def _update(values: np.ndarray, seen: np.ndarray, rock: np.ndarray, log_odds: np
         for j in range(RESONANCES.size):
             driven = amplitude * shaker.share_transmitted(frequency, RESONANCES[j], shaker.RESONANCE_DEPTH)
             look_up(values, rock[i, 0], rock[i, 1], frequency, pressure / driven, room)
-            away = math.log(1e3 * seen[i, 3] / max(driven * room[PEAK], 1.0)) / SPREAD
-            normal = math.exp(-0.5 * away * away) / (SPREAD * math.sqrt(2.0 * math.pi))
-            log_odds[i, j] = KEEP * log_odds[i, j] + math.log((1.0 - STRAY) * normal + 0.5 * STRAY)
+            away = math.log(1e3 * seen[i, 3] / max(driven * room[PEAK], 1.0)) / DEVIATION
+            normal = math.exp(-0.5 * away * away) / (DEVIATION * math.sqrt(2.0 * math.pi))
+            log_odds[i, j] = FORGETTING * log_odds[i, j] + math.log((1.0 - OUTLIERS) * normal + 0.5 * OUTLIERS)
 
 
 class FrameFilter:
@@ -73,8 +73,7 @@ class FrameFilter:
             hardening: (m,) the unloading stiffness over it.
             rigs: (m,) which.
         """
-        single = np.abs(seen[:, _AT["impacts_per_cycle"]] - 1.0) < 0.1
-        single &= (seen[:, _AT["period_two"]] < 0.1) & (seen[:, _AT["largest_peak_force"]] > 0.1)
+        single = single_blows(seen) & (seen[:, AT["largest_peak_force"]] > 0.1)
         judged, rock = self.log_odds[rigs[single]], np.column_stack([loading, hardening])[single].astype(float)
         _update(self._values, seen[single][:, _SETTING], rock, judged)
         self.log_odds[rigs[single]] = judged - judged.max(axis=1, keepdims=True)

@@ -23,11 +23,10 @@ import numpy as np
 from drillenv.env.hole import shaker
 from drillenv.env.hole.batch import STEP
 from drillenv.env.hole.bit import EDGE_POWER, FATIGUE, FATIGUE_EXPONENT, LIFE
-from drillenv.env.hole.readings import READINGS
+from drillenv.env.hole.readings import AT
 from drillenv.env.task import RANGES
 from drillenv.rig import DRIVE_BASE, DRIVE_SLOPE
 
-_AT = {reading.name: j for j, reading in enumerate(READINGS)}
 RATING = 2.0
 """kN."""
 LESS, MORE = 0.75, 1.3
@@ -100,12 +99,12 @@ class HoleRules:
         change = self._worn_out(seen)
         if self._n < scan.size:
             if self._n:
-                self._gain[:, self._n - 1] = seen[:, _AT["penetration_rate"]]
+                self._gain[:, self._n - 1] = seen[:, AT["penetration_rate"]]
             self._frequency[:] = scan[self._n]
             amplitude = np.full(n, 0.4)
         else:
             if self._n == scan.size:
-                self._gain[:, -1] = seen[:, _AT["penetration_rate"]]
+                self._gain[:, -1] = seen[:, AT["penetration_rate"]]
                 self._frequency = scan[np.argmax(self._gain / scan**numbers.favour, axis=1)]
             amplitude = self._amplitude(seen)
         self._n += 1
@@ -118,32 +117,31 @@ class HoleRules:
 
     def _amplitude(self, seen: np.ndarray) -> np.ndarray:
         """V: what keeps blows at their force, within what the coil bears."""
-        peak = np.maximum(seen[:, _AT["largest_peak_force"]], 0.2)
-        wanted = seen[:, _AT["amplitude"]] * np.clip(self._numbers.force * RATING / peak, LESS, MORE)
+        peak = np.maximum(seen[:, AT["largest_peak_force"]], 0.2)
+        wanted = seen[:, AT["amplitude"]] * np.clip(self._numbers.force * RATING / peak, LESS, MORE)
         held = np.sqrt(self._numbers.held / _rise_at_1_volt(self._frequency))
         return np.clip(np.minimum(wanted, held), *RANGES[1])
 
     def _pressure(self, seen: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
         """bar: along with the amplitude, less where blows did not come singly."""
         numbers = self._numbers
-        single = (np.abs(seen[:, _AT["impacts_per_cycle"]] - 1.0) < 0.1) & (seen[:, _AT["period_two"]] < 0.1)
-        eased = np.where(single, self._ratio + numbers.come_back, self._ratio * numbers.back_off)
+        eased = np.where(single_blows(seen), self._ratio + numbers.come_back, self._ratio * numbers.back_off)
         self._ratio = np.clip(eased, 0.5, numbers.ratio)
         return np.clip(self._ratio * (self._frequency / 120.0) ** numbers.slope * amplitude, *RANGES[2])
 
     def _worn_out(self, seen: np.ndarray) -> np.ndarray:
         """Whether to change the bit."""
         numbers = self._numbers
-        fresh = seen[:, _AT["bit_blows"]] * 1e6 < self._blows
+        fresh = seen[:, AT["bit_blows"]] * 1e6 < self._blows
         self._wear[fresh], self._best[fresh] = 0.0, 0.0
-        blows = np.where(fresh, 0.0, seen[:, _AT["bit_blows"]] * 1e6 - self._blows)
-        self._blows = seen[:, _AT["bit_blows"]] * 1e6
-        self._wear += reckoned_wear(blows, seen[:, _AT["mean_peak_force"]]).sum(axis=1)
-        rate = seen[:, _AT["frequency"]] * np.maximum(seen[:, _AT["largest_peak_force"]], 0.05)
-        per_blow = seen[:, _AT["penetration_rate"]] / rate
+        blows = np.where(fresh, 0.0, seen[:, AT["bit_blows"]] * 1e6 - self._blows)
+        self._blows = seen[:, AT["bit_blows"]] * 1e6
+        self._wear += reckoned_wear(blows, seen[:, AT["mean_peak_force"]]).sum(axis=1)
+        rate = seen[:, AT["frequency"]] * np.maximum(seen[:, AT["largest_peak_force"]], 0.05)
+        per_blow = seen[:, AT["penetration_rate"]] / rate
         self._best = np.maximum(self._best, per_blow)
         change = (self._wear > numbers.worn) | (per_blow < numbers.loss * self._best)
-        change &= (seen[:, _AT["depth_left"]] > numbers.last) & (self._blows > 0.0)
+        change &= (seen[:, AT["depth_left"]] > numbers.last) & (self._blows > 0.0)
         self._wear[change], self._best[change], self._blows[change] = 0.0, 0.0, 0.0
         return change
 
@@ -172,9 +170,14 @@ class HoleFixed:
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
         """The same setting always, (4,) or (n, 4) as the observation is (20,) or (n, 20)."""
         action = np.broadcast_to(self._action, (*observation.shape[:-1], 4)).astype(np.float32)
-        change = observation[..., _AT["bit_depth"]] > self._bit_depth
+        change = observation[..., AT["bit_depth"]] > self._bit_depth
         action[..., 3] = np.where(change, 1.0, -1.0)
         return action
+
+
+def single_blows(seen: np.ndarray) -> np.ndarray:
+    """(m,) whether blows come singly, and each as the one before, by readings (m, 20)."""
+    return (np.abs(seen[:, AT["impacts_per_cycle"]] - 1.0) < 0.1) & (seen[:, AT["period_two"]] < 0.1)
 
 
 def reckoned_wear(blows: np.ndarray, force: np.ndarray) -> np.ndarray:

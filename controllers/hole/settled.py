@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from drillenv.checks import InputError
 from drillenv.dynamics.compiled import INLINE, KERNEL
 from drillenv.dynamics.exact import THETA, TURN, TURNS, make_scratch
 from drillenv.env.episodes import rig_array
@@ -41,6 +40,7 @@ from drillenv.env.plant import (
     place,
 )
 from drillenv.env.truth import MOST_CYCLES, SEEN, T_LARGEST, T_RATE, T_SINGLE, TRUTH_SIZE, summarise
+from drillenv.files import read_arrays
 from drillenv.rig import Rig
 
 FILE = Path(__file__).parents[1] / "plant_models" / "settled.npz"
@@ -108,18 +108,8 @@ def read_settled() -> Settled:
     Raises:
         InputError: the file is missing or is another one.
     """
-    try:
-        with np.load(FILE, allow_pickle=False) as data:
-            values = data["values"].astype(float)
-    except (OSError, ValueError, KeyError):
-        raise InputError(
-            f"table {FILE} cannot be read: make it with python -m drillenv.controllers.hole.settled"
-        ) from None
-    if values.shape != (LOADING.size, HARDENING.size, FREQUENCIES.size, RATIOS.size, FEATURES):
-        raise InputError(
-            f"table {FILE} is of another version: make it with python -m drillenv.controllers.hole.settled"
-        )
-    return Settled(values)
+    shape = (LOADING.size, HARDENING.size, FREQUENCIES.size, RATIOS.size, FEATURES)
+    return Settled(**read_arrays(FILE, "table", {"values": shape}, "drillenv.controllers.hole.settled"))
 
 
 @njit(**KERNEL)

@@ -8,7 +8,13 @@ import pytest
 
 from drillenv.checks import InputError
 from drillenv.controllers.hole.belief import ODDS, SIZE, WEAR, Belief
-from drillenv.controllers.hole.certainty_equivalent import HolePlanner, KnowingPlanner, believed, hazard, spent_by
+from drillenv.controllers.hole.certainty_equivalent import (
+    HolePlanner,
+    KnowingPlanner,
+    believed,
+    cumulative_hazard,
+    hazard,
+)
 from drillenv.controllers.hole.frame import RESONANCES
 from drillenv.controllers.hole.learned import HoleLearned, HolePolicy, actions_of, read_policy, write_policy
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
@@ -157,7 +163,7 @@ def test_the_hazard_is_that_of_the_strengths():
     wear, step = 0.9, 0.02
     alive = strengths > wear
     broken = np.mean(strengths[alive] < wear + step)
-    assert broken == pytest.approx(1.0 - np.exp(spent_by(wear) - spent_by(wear + step)), rel=0.05)
+    assert broken == pytest.approx(1.0 - np.exp(cumulative_hazard(wear) - cumulative_hazard(wear + step)), rel=0.05)
     assert broken / step == pytest.approx(float(hazard(np.array(wear + step / 2))), rel=0.1)
 
 

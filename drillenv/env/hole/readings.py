@@ -68,6 +68,8 @@ READINGS = (
     Reading("bit_blows", "1e6", 0, 10, 0, "blows that the present bit has made", BLOWS, 1e6),
 )
 """The observation, in order. ``truth`` is a column of the hole's state for the last five."""
+AT = {reading.name: j for j, reading in enumerate(READINGS)}
+"""Where each stands in an observation, by name."""
 SIZE = len(READINGS)
 LOW = np.array([reading.low for reading in READINGS], dtype=np.float32)
 HIGH = np.array([reading.high for reading in READINGS], dtype=np.float32)
