@@ -72,9 +72,9 @@ SHOWN = CENTRE.size + len(USUAL)
 """Numbers of the features that are a part of a belief: readings, and logarithms of what they come to."""
 WEAR = SHOWN
 """Where the mean of the wear stands in a belief."""
-ODDS = WEAR + ESTIMATES
+PROBABILITIES = WEAR + ESTIMATES
 """Where the probabilities of the frame's resonances stand, see RESONANCES."""
-SIZE = ODDS + RESONANCES.size
+SIZE = PROBABILITIES + RESONANCES.size
 """Numbers of a belief."""
 LOG_DEVIATIONS = (-5.0, 2.0)
 """Ends of the logarithm of a standard deviation."""
@@ -188,7 +188,7 @@ class Belief:
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that is remembered, to be kept and put back."""
-        return {**vars(self._features), "_hidden": self._hidden, "_frame": self._frame.log_odds}
+        return {**vars(self._features), "_hidden": self._hidden, "_frame": self._frame.log_posterior}
 
     def forget(self, rigs: np.ndarray) -> None:
         """Begin anew with these of the rigs."""
@@ -209,8 +209,8 @@ class Belief:
         new = np.tanh(given[:, 2 * UNITS :] + reset * kept[:, 2 * UNITS :])
         self._hidden[at] = hidden = (1.0 - update) * new + update * before
         means, deviations = estimates(hidden @ w.output_weight.T + w.output_bias)
-        odds = self._frame.of(readings.astype(float), STIFFNESS * np.exp(means[:, 2]), np.exp(means[:, 3]), at)
-        return np.column_stack([features[:, :SHOWN], means, deviations, odds]).astype(np.float32)
+        probabilities = self._frame.of(readings.astype(float), STIFFNESS * np.exp(means[:, 2]), np.exp(means[:, 3]), at)
+        return np.column_stack([features[:, :SHOWN], means, deviations, probabilities]).astype(np.float32)
 
 
 def estimates(outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.checks import InputError, number
-from drillenv.controllers.hole.belief import NAMES, ODDS, STIFFNESS, WEAR, Belief
+from drillenv.controllers.hole.belief import NAMES, PROBABILITIES, STIFFNESS, WEAR, Belief
 from drillenv.controllers.hole.frame import RESONANCES
 from drillenv.controllers.hole.oracle import hole_of
 from drillenv.controllers.hole.planning import Physics, drilled, physics_of, settings_grid
@@ -31,7 +31,6 @@ from drillenv.dynamics.compiled import KERNEL
 from drillenv.env.hole import shaker
 from drillenv.env.hole.batch import STEP
 from drillenv.env.hole.bit import STRENGTH, STRENGTH_SHAPE, stiffening
-from drillenv.env.hole.costs import BIT, CHANGE_TIME, FISHING_TIME, RIG_RATE
 from drillenv.env.hole.episodes import LAYER_ABRASIVITY, LAYER_END, LAYER_KL, LAYER_KU, MOST_BITS, Hole
 from drillenv.env.hole.readings import AT, DEPTH
 from drillenv.env.hole.readings import WEAR as HOLE_WEAR
@@ -91,7 +90,7 @@ class Known(NamedTuple):
     """Unloading over loading stiffness."""
     resonances: np.ndarray
     """(m,) in Hz, where the frame may resonate."""
-    odds: np.ndarray
+    probabilities: np.ndarray
     """(m,) with which probability."""
 
 
@@ -101,8 +100,8 @@ def believed(row: np.ndarray) -> Known:
     wear, log_abrasivity, log_stiffness, log_hardening = row[WEAR : WEAR + n].tolist()
     spread, spread_abrasivity = row[WEAR + n : WEAR + n + 2].tolist()
     wear = max(wear, 0.0)
-    odds = row[ODDS:]
-    likely = odds > UNLIKELY
+    probabilities = row[PROBABILITIES:]
+    likely = probabilities > UNLIKELY
     return Known(
         wear,
         spread,
@@ -110,7 +109,7 @@ def believed(row: np.ndarray) -> Known:
         STIFFNESS * math.exp(log_stiffness) / stiffening(wear),
         math.exp(log_hardening),
         RESONANCES[likely],
-        odds[likely] / odds[likely].sum(),
+        probabilities[likely] / probabilities[likely].sum(),
     )
 
 
@@ -126,9 +125,7 @@ class HolePlanner:
 
     def __init__(self, task: HoleTask | None = None, used: float = 0.85):
         self._task = task or HoleTask()
-        costs = self._task.costs.as_array()
-        self._change = float(costs[BIT] + costs[RIG_RATE] * costs[CHANGE_TIME])
-        self._break = float(costs[BIT] + costs[RIG_RATE] * costs[FISHING_TIME])
+        self._change, self._break = self._task.costs.of_change, self._task.costs.of_breakage
         self._price = self._change / number("used", used, 0.01, 10.0)
         self._settings = settings_grid()
         self._actions = np.array([action_for(*each) for each in self._settings], dtype=np.float32)
@@ -153,7 +150,8 @@ class HolePlanner:
             at = self._cheapest(found, float(readings[i, AT["coil_rise"]]), int(self._present[i]))
             self._present[i] = at
             actions[i, :3] = self._actions[at] if scan is None else scan
-            if self._worn_out(known, float(readings[i, AT["depth_left"]] * found[at, WORN] / found[at, PROGRESS])):
+            ahead = readings[i, AT["depth_left"]] * found[at, WORN] / max(found[at, PROGRESS], SLOWEST)
+            if self._worn_out(known, float(ahead)):
                 actions[i, 3] = 1.0
         self._step += 1
         return actions[0] if observation.ndim == 1 else actions
@@ -173,13 +171,14 @@ class HolePlanner:
         layer = np.array([[known.loading, known.loading * known.hardening, np.inf, known.abrasivity]])
         ph = physics_of(self._task, Hole(self._task.depth, layer, 0.0, np.full(MOST_BITS, np.inf), 0.0))
         each = (rates_of(ph._replace(resonance=at), known.wear, self._settings) for at in known.resonances.tolist())
-        return sum((odds * found for odds, found in zip(known.odds, each, strict=True)), np.zeros(4))
+        return sum((share * found for share, found in zip(known.probabilities, each, strict=True)), np.zeros(4))
 
     def _cheapest(self, found: np.ndarray, rise: float, present: int) -> int:
         """The setting that makes a metre cheapest, or the present one where that is nearly as good."""
         progress, worn, final, cost = found.T
         hot = final + (rise - final) * math.exp(-STEP / shaker.TIME_CONSTANT) > shaker.LIMIT - MARGIN
-        metre = np.where((progress > SLOWEST) & ~hot, (cost + self._price * worn) / progress, np.inf)
+        metre = (cost + self._price * worn) / np.maximum(progress, SLOWEST)
+        metre[(progress <= SLOWEST) | hot] = np.inf
         best = int(np.argmin(metre))
         return present if present >= 0 and metre[present] < (1.0 + HYSTERESIS) * metre[best] else best
 

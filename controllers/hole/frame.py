@@ -4,7 +4,7 @@ The frame takes up to 60 % of the force around its resonance (:mod:`drillenv.env
 which it may resonate, the table of settled motions foretells the peak of the blows at the setting that was driven, on
 the rock as it is estimated. How far the logarithm of the peak is from that, says how likely each is:
 
-    log odds <- FORGETTING log odds + log((1 - OUTLIERS) N(log(peak / foretold); 0, DEVIATION) + OUTLIERS / 2)
+    log p <- FORGETTING log p + log((1 - OUTLIERS) N(log(peak / foretold); 0, DEVIATION) + OUTLIERS / 2)
 
 OUTLIERS is the share of steps whose motion had not settled or is another one. Only steps of single blows are judged.
 The forgetting factor is below 1 since the errors of the table are the same from step to step and not independent.
@@ -32,8 +32,8 @@ _SETTING = [AT[name] for name in ("frequency", "amplitude", "pressure", "largest
 
 
 @njit(**KERNEL)
-def _update(values: np.ndarray, seen: np.ndarray, rock: np.ndarray, log_odds: np.ndarray) -> None:
-    """Judge ``log_odds`` (m, RESONANCES) by what was seen (m, 4): Hz, V, bar and the peak in kN, on rock (m, 2)."""
+def _update(values: np.ndarray, seen: np.ndarray, rock: np.ndarray, log_posterior: np.ndarray) -> None:
+    """Update ``log_posterior`` (m, RESONANCES) by what was seen (m, 4), Hz, V, bar and peak in kN, on rock (m, 2)."""
     room = np.empty(FEATURES)
     for i in range(seen.shape[0]):
         frequency, pressure = seen[i, 0], seen[i, 2]
@@ -43,7 +43,8 @@ def _update(values: np.ndarray, seen: np.ndarray, rock: np.ndarray, log_odds: np
             look_up(values, rock[i, 0], rock[i, 1], frequency, pressure / driven, room)
             away = math.log(1e3 * seen[i, 3] / max(driven * room[PEAK], 1.0)) / DEVIATION
             normal = math.exp(-0.5 * away * away) / (DEVIATION * math.sqrt(2.0 * math.pi))
-            log_odds[i, j] = FORGETTING * log_odds[i, j] + math.log((1.0 - OUTLIERS) * normal + 0.5 * OUTLIERS)
+            likelihood = (1.0 - OUTLIERS) * normal + 0.5 * OUTLIERS
+            log_posterior[i, j] = FORGETTING * log_posterior[i, j] + math.log(likelihood)
 
 
 class FrameFilter:
@@ -53,16 +54,16 @@ class FrameFilter:
         n: Number of rigs.
 
     Attributes:
-        log_odds: (n, RESONANCES) of each resonance against the likeliest.
+        log_posterior: (n, RESONANCES) logarithm of the posterior probability of each resonance, against the likeliest.
     """
 
     def __init__(self, n: int):
-        self.log_odds = np.zeros((n, RESONANCES.size))
+        self.log_posterior = np.zeros((n, RESONANCES.size))
         self._values = read_settled().values
 
     def forget(self, rigs: np.ndarray) -> None:
         """Begin anew with these of the rigs: every resonance is as likely."""
-        self.log_odds[rigs] = 0.0
+        self.log_posterior[rigs] = 0.0
 
     def of(self, seen: np.ndarray, loading: np.ndarray, hardening: np.ndarray, rigs: np.ndarray) -> np.ndarray:
         """(m, RESONANCES) probabilities.
@@ -74,8 +75,8 @@ class FrameFilter:
             rigs: (m,) which.
         """
         single = single_blows(seen) & (seen[:, AT["largest_peak_force"]] > 0.1)
-        judged, rock = self.log_odds[rigs[single]], np.column_stack([loading, hardening])[single].astype(float)
+        judged, rock = self.log_posterior[rigs[single]], np.column_stack([loading, hardening])[single].astype(float)
         _update(self._values, seen[single][:, _SETTING], rock, judged)
-        self.log_odds[rigs[single]] = judged - judged.max(axis=1, keepdims=True)
-        odds = np.exp(self.log_odds[rigs])
-        return odds / odds.sum(axis=1, keepdims=True)
+        self.log_posterior[rigs[single]] = judged - judged.max(axis=1, keepdims=True)
+        posterior = np.exp(self.log_posterior[rigs])
+        return posterior / posterior.sum(axis=1, keepdims=True)

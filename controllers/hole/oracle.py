@@ -169,5 +169,4 @@ class Greedy(HoleOracle):
         if metre is not None:
             own.costs = replace(own.costs, metre=metre)
         super().__init__(own)
-        costs = self._task.costs
-        self._wear_price = wear_share * (costs.bit + costs.rig_rate / 3600.0 * costs.change_time)
+        self._wear_price = wear_share * self._task.costs.of_change

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drillenv.checks import InputError
-from drillenv.controllers.hole.belief import ODDS, SIZE, WEAR, Belief
+from drillenv.controllers.hole.belief import PROBABILITIES, SIZE, WEAR, Belief
 from drillenv.controllers.hole.certainty_equivalent import (
     HolePlanner,
     KnowingPlanner,
@@ -181,11 +181,12 @@ def test_what_a_belief_says():
     row = np.zeros(SIZE)
     row[WEAR : WEAR + 4] = 0.5, np.log(2.0), np.log(1.2), np.log(1.1)
     row[WEAR + 4 : WEAR + 8] = 0.05, 0.1, 0.02, 0.02
-    row[ODDS : ODDS + 3] = 0.69, 0.3, 0.01
+    row[PROBABILITIES : PROBABILITIES + 3] = 0.69, 0.3, 0.01
     known = believed(row)
     assert (known.wear, known.spread) == (0.5, 0.05) and known.hardening == pytest.approx(1.1)
     assert known.loading == pytest.approx(3.6e7 / stiffening(0.5)) and known.abrasivity == pytest.approx(2.01, rel=1e-3)
-    assert known.resonances == pytest.approx(RESONANCES[:2]) and known.odds == pytest.approx([0.69 / 0.99, 0.3 / 0.99])
+    assert known.resonances == pytest.approx(RESONANCES[:2])
+    assert known.probabilities == pytest.approx([0.69 / 0.99, 0.3 / 0.99])
 
 
 def test_an_oracle_wants_its_plant():

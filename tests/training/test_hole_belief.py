@@ -12,7 +12,7 @@ from drillenv.controllers.hole.belief import (
     ESTIMATES,
     FEATURES,
     NAMES,
-    ODDS,
+    PROBABILITIES,
     SHOWN,
     SIZE,
     UNITS,
@@ -54,8 +54,8 @@ def test_the_network_on_numpy_is_that_of_torch():
         assert row[:, :SHOWN] == pytest.approx(given[step, :, :SHOWN].numpy())
         assert row[:, WEAR : WEAR + n] == pytest.approx(outputs[step, :, :n].numpy(), abs=1e-5)
         deviations = outputs[step, :, n:].clamp(*belief.LOG_DEVIATIONS).exp()
-        assert row[:, WEAR + n : ODDS] == pytest.approx(deviations.numpy(), abs=1e-5)
-        assert row[:, ODDS:].sum(axis=1) == pytest.approx(1.0, abs=1e-5)
+        assert row[:, WEAR + n : PROBABILITIES] == pytest.approx(deviations.numpy(), abs=1e-5)
+        assert row[:, PROBABILITIES:].sum(axis=1) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_each_hole_is_remembered_by_itself_and_forgotten_whole():
@@ -102,13 +102,13 @@ def test_the_resonance_is_found_where_it_was_driven_past():
         action[:, :3] = action_for(frequency, 0.45, 0.8 * (frequency / 120.0) ** 1.5)
         seen, *_, info = envs.step(action)
         rock = info["loading_stiffness"], info["unloading_stiffness"] / info["loading_stiffness"]
-        odds = found.of(seen.astype(float), *rock, np.arange(holes))
+        probabilities = found.of(seen.astype(float), *rock, np.arange(holes))
     envs.close()
-    assert odds.sum(axis=1) == pytest.approx(1.0)
-    away = np.abs(RESONANCES[odds.argmax(axis=1)] - info["resonance"])
+    assert probabilities.sum(axis=1) == pytest.approx(1.0)
+    away = np.abs(RESONANCES[probabilities.argmax(axis=1)] - info["resonance"])
     assert np.mean(away < 3.0) > 0.8
     found.forget(np.array([4]))
-    assert np.ptp(found.log_odds[4]) == 0.0 and np.ptp(found.log_odds[5]) > 0.0
+    assert np.ptp(found.log_posterior[4]) == 0.0 and np.ptp(found.log_posterior[5]) > 0.0
 
 
 @pytest.mark.slow

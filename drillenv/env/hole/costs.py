@@ -57,6 +57,16 @@ class Costs:
         for name, (low, high, unit) in limits.items():
             object.__setattr__(self, name, number(f"costs {name}", getattr(self, name), low, high, unit))
 
+    @property
+    def of_change(self) -> float:
+        """A new bit and the time to change it, in EUR."""
+        return self.bit + self.rig_rate / 3600.0 * self.change_time
+
+    @property
+    def of_breakage(self) -> float:
+        """A new bit and the time to fish the broken one, in EUR."""
+        return self.bit + self.rig_rate / 3600.0 * self.fishing_time
+
     def as_record(self) -> dict[str, float]:
         """The costs as JSON takes them; :func:`read_costs` reads them back."""
         return asdict(self)
