@@ -334,17 +334,25 @@ def test_a_rig_that_the_exact_engine_cannot_take_has_no_map():
 
 
 @pytest.mark.slow
-def test_a_frame_takes_well_under_a_tenth_of_a_second(env):
+def test_a_frame_costs_less_than_drawing_the_figure_anew(env):
+    # measured side by side: how many seconds a drawing takes is a matter of the machine
     made = env("layers")
     drilled(made, [(110, 0.45, 1.0)] * 3, seed=1)
-    rng, costs = np.random.default_rng(0), []
+    renderer = made.unwrapped._renderer
+    rng, costs, whole = np.random.default_rng(0), [], []
     for _ in range(40):
         made.step(np.clip(rng.normal(0, 0.5, 3), -1, 1).astype(np.float32))
-        begin = time.process_time()
-        made.render()
-        costs.append(time.process_time() - begin)
-    assert np.median(costs) < 0.1
-    assert max(costs) < 0.3
+        costs.append(seconds_of(made.render))
+        whole.append(seconds_of(renderer._canvas.draw))
+    assert np.median(costs) < 0.6 * np.median(whole)
+    assert max(costs) < 2 * np.median(whole)
+
+
+def seconds_of(call) -> float:
+    """Processor seconds of a call."""
+    begin = time.process_time()
+    call()
+    return time.process_time() - begin
 
 
 def test_a_new_frequency_or_rock_costs_the_map_little():
