@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import dct
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import butter, convolve, sosfiltfilt
 from scipy.stats import chi2
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import white_noise
 from drillenv.recordings import Campaign, QualityFinding, Recording
-from drillenv.recordings.signal_faults import stretches
 
 ORDERS = {"position": 0, "velocity": 1, "acceleration": 2}
 STENCILS = {
@@ -179,9 +179,9 @@ def prepare(campaign: Campaign, faults: Sequence[QualityFinding] = ()) -> tuple[
         for recording, channels, _bad in cleaned
         if "acceleration" in channels
     )
-    thin = math.ceil(sum(recording.size for recording, _channels, _bad in cleaned) / MOST_ROWS)
+    spacing = _spacing([recording for recording, _channels, _bad in cleaned], edge)
     bodies = [
-        _body(recording, channels, bad, noise, edge, forced, tied, thin)
+        _body(recording, channels, bad, noise, edge, forced, tied, spacing)
         for (recording, channels, bad), noise in zip(cleaned, noises, strict=True)
     ]
     remarks += [
@@ -324,9 +324,18 @@ def _tied(channels, rate: float, edge: float) -> bool:
     return scale > 0.0 and float(np.mean((second - second.mean()) * (read - read.mean()))) > TIED * scale
 
 
-def _body(recording: Recording, channels, bad, noise, edge: float, forced: bool, tied: bool, thin: int) -> Body:
+def _spacing(recordings: Sequence[Recording], edge: float) -> float:
+    """s from row to row, in all recordings alike: what is left of them has one spectrum."""
+    thin = math.ceil(sum(each.size for each in recordings) / MOST_ROWS)
+    return min(
+        max(thin, min(int(each.sample_rate / (SAMPLED * edge)), (each.size - 2 * EDGE) // MANY_ROWS)) / each.sample_rate
+        for each in recordings
+    )
+
+
+def _body(recording: Recording, channels, bad, noise, edge: float, forced: bool, tied: bool, spacing: float) -> Body:
     rate = recording.sample_rate
-    every = max(thin, min(int(rate / (SAMPLED * edge)), (recording.size - 2 * EDGE) // MANY_ROWS))
+    every = max(1, round(spacing * rate))
     inner = slice(EDGE, -EDGE)
 
     def had(wanted: str) -> tuple[np.ndarray, str]:
@@ -406,15 +415,11 @@ def _gain(rate: float, edge: float, order: int) -> float:
 
 def _widened(mask: np.ndarray, by: int) -> np.ndarray:
     """True also ``by`` samples before and after."""
-    if not mask.any():
-        return mask
-    return np.convolve(mask, np.ones(2 * by + 1), mode="same") > 0.5
+    return np.asarray(maximum_filter1d(mask.astype(np.uint8), 2 * by + 1, mode="constant") > 0)
 
 
 def _long(mask: np.ndarray, least: int) -> np.ndarray:
     """True only where a mask is true for more than ``least`` samples on end."""
-    found = np.zeros_like(mask)
-    for first, after in stretches(mask):
-        if after - first > least:
-            found[first:after] = True
-    return found
+    size = least + 1
+    begins = minimum_filter1d(mask.astype(np.uint8), size, mode="constant", origin=-(size // 2))
+    return np.asarray(maximum_filter1d(begins, size, mode="constant", origin=(size - 1) // 2) > 0)

@@ -305,7 +305,6 @@ class BodyReport:
             "unit": "N",
             "over_noise": self.final.per_freedom,
             "shapes": shapes,
-            "lines": [],
         }
 
     # --- what was found

@@ -319,8 +319,8 @@ class BodyRig:
 
     def tone(self, fitted: Fitted) -> Family | None:
         """A force that goes on at a frequency of its own, at that of the largest periodogram of what is left."""
-        first, longest = self.stretches[0].body, max(each.keep.size for each in self.stretches)
-        per_row = first.rate / first.every
+        longest = max(each.keep.size for each in self.stretches)
+        per_row = min(each.body.rate / each.body.every for each in self.stretches)
         tried = np.arange(FEWEST_CYCLES * per_row / longest, 0.45 * per_row, 0.25 * per_row / longest)
         # what hums is a mechanism of the library
         tried = tried[np.all(np.abs(tried[:, None] - np.array(MAINS)) > 5.0 * MAINS_OFF, axis=1)]
@@ -330,7 +330,8 @@ class BodyRig:
         for block in fitted.blocks:
             left = np.where(block.judged, block.noise.whiten(block.left(fitted.values)), 0.0)
             whole = np.abs(np.fft.rfft(left, 8 * longest)) ** 2 / max(block.samples, 1)
-            power += np.interp(tried, np.fft.rfftfreq(8 * longest, 1.0 / per_row), whole)
+            body = block.data.body
+            power += np.interp(tried, np.fft.rfftfreq(8 * longest, body.every / body.rate), whole)
         top = int(np.clip(np.argmax(power), 1, tried.size - 2))
         frequency = float(tried[top] + peak_offset(*power[top - 1 : top + 2]) * (tried[1] - tried[0]))
         names = self.recordings

@@ -39,7 +39,7 @@ def compare(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, An
     Returns:
         ``verdict`` (two words), ``mechanisms`` that ``went``, ``came`` and ``stayed``, for what stayed ``parameters``
         and for all ``constants`` the value of each side, the difference and how many standard deviations of both it is,
-        and ``left`` on recordings that were not fitted, in standard deviations of the noise.
+        and ``left`` on recordings that were not fitted, in ``unit``.
     """
     first, second = ({each["mechanism"]: each for each in record["findings"]} for record in (before, after))
     stayed = [name for name in first if name in second]
@@ -53,6 +53,7 @@ def compare(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, An
         "parameters": {name: _differences(first[name]["parameters"], second[name]["parameters"]) for name in stayed},
         "constants": _differences(before["constants"], after["constants"]),
         "left": [record["fit"]["held_out"]["after"] for record in (before, after)],
+        "unit": str(after["fit"]["unit"]).partition(",")[0],
     }
 
 
@@ -94,5 +95,5 @@ def compared_text(found: Mapping[str, Any]) -> str:
         lines.append(f"{still} more numbers stayed within three standard deviations")
     first, second = found["left"]
     if first is not None and second is not None:
-        lines.append(f"left on recordings that were not fitted: {first:.4g}, then {second:.4g} times the noise")
+        lines.append(f"left on recordings that were not fitted: {first:.4g}, then {second:.4g} {found['unit']}")
     return "\n".join(lines)

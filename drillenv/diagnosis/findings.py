@@ -38,6 +38,8 @@ from drillenv.recordings import Campaign
 from drillenv.rig import FREQUENCY_RANGE, PRESSURE_RANGE, Rig
 from drillenv.rocks import Rock
 
+OF_ROCK, OF_SHAKER = {"loading_stiffness", "unloading_stiffness"}, {"shaker_mass", "pressure_gain"}
+"""Constants of the contact, and of the force balance of the shaker; others are of both masses or of the indenter."""
 CELLS = ("no contact", "loading", "unloading")
 EQUAL = 5.0
 """Log-likelihood by which two families must differ to be told apart."""
@@ -272,9 +274,9 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
     if outcome.verdict == "agrees":
         return {"balance": None, "regimes": [], "recordings": [], "summary": AGREED}
     if outcome.verdict == "parameters":
-        names = [outcome.final.structure.unknowns[i].name for i in wrong_constants(outcome.final)]
+        names = {outcome.final.structure.unknowns[i].name for i in wrong_constants(outcome.final)}
         return {
-            "balance": "contact" if any("loading" in name for name in names) else "indenter",
+            "balance": "contact" if names & OF_ROCK else "shaker" if names <= OF_SHAKER else "indenter",
             "regimes": list(CELLS),
             "recordings": [each.name for each in outcome.fit_data],
             "summary": "Constants that are off by several of their tolerances explain all of it.",
@@ -333,7 +335,7 @@ def rest(outcome: Outcome) -> dict[str, Any]:
     channels, words = {}, []
     every = [each for each in outcome.proof.after or estimates_of(outcome.final) if is_followed(each)]
     if not every:
-        return {"summary": "The model follows none of the recordings.", "channels": {}, "shapes": [], "lines": []}
+        return {"summary": "The model follows none of the recordings.", "channels": {}, "shapes": []}
     found = [predicted(each) for each in every]
     left = [
         (each.block.measured - one.reading)[:, each.block.evaluation] for each, one in zip(every, found, strict=True)
@@ -347,7 +349,7 @@ def rest(outcome: Outcome) -> dict[str, Any]:
         channels[channel] = {"excess": excess, "unit": unit, "of_signal": excess / size, "over_noise": over}
         words.append(f"{excess:.2g} {unit} ({100.0 * excess / size:.2g} % of the {channel})")
     text = f"{' and '.join(words)} beyond the noise are left on {outcome.explained.of}."
-    return {"summary": text, "channels": channels, "shapes": [], "lines": []}
+    return {"summary": text, "channels": channels, "shapes": []}
 
 
 class Predicted(NamedTuple):
@@ -383,7 +385,8 @@ def rejected(steps: Sequence[Step], tested: ScoreTests) -> list[dict[str, str]]:
             worse = other.cost - step.found
             said.append({"mechanism": family.mechanism, "why": f"explains less (log-likelihood lower by {worse:.0f})"})
     for score in tested.scores[:8]:
-        why = f"gains too little (log-likelihood {score.gain:.1f}, p {score.p:.2g})"
+        why = "gains too little" if score.confirmed else "gains nothing on recordings that it was not fitted to"
+        why += f" (log-likelihood {score.gain:.1f}, p {score.p:.2g})"
         said.append({"mechanism": score.family.mechanism, "why": why})
     return said
 
@@ -490,6 +493,6 @@ def record_of(outcome: Outcome, faults: list[str], left_out: Sequence[str] = ())
         "constants": constants_found(outcome) if explained else {},
         "correlations": outcome.final.correlations(len(NAMES)) if explained else None,
         "quality": faults,
-        "remarks": [*left_out, *(each.sentence for each in outcome.labels), *remarks(outcome)],
+        "remarks": [*left_out, *outcome.unusable, *(each.sentence for each in outcome.labels), *remarks(outcome)],
         "cells": cells,
     }

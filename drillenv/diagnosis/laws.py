@@ -296,9 +296,10 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     beyond = np.concatenate([p[V.Y] - r for p, r in zip(paths, rest, strict=True)])
     v1, v2 = (np.concatenate([p[i] for p in paths]) for i in (V.V1, V.V2))
     w = np.concatenate([p[V.W] for p in paths])
-    deep = float(np.percentile(w[w > 0.0], 99.8))
-    into = v2[w > 0.0]
-    fast = float(np.percentile(np.abs(into), 99.8))
+    # motions that could not be followed need not touch the rock
+    touches = w > 0.0 if np.any(w > 0.0) else np.ones(w.size, dtype=bool)
+    deep = max(float(np.percentile(w[touches], 99.8)), LEAST)
+    fast = max(float(np.percentile(np.abs(v2[touches]), 99.8)), LEAST)
     ranges: dict[int, tuple[float, float, float]] = {
         LOADING: (0.0, deep, deep / 200.0),
         UNLOADING: (0.0, deep, deep / 200.0),

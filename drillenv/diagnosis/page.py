@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import html
 import json
 import math
 import re
@@ -52,7 +53,7 @@ INKS = ((247, 249, 251), (201, 220, 238), (127, 178, 217), (47, 119, 180), (11, 
 """Of the map, from nothing but noise to the worst cell: one hue, ever darker, for every kind of sight and for print."""
 DARK = 0.6
 """Share of the way through ``INKS`` from which writing is white."""
-KNOWN = ("gain", "gain_needed", "equation", "source", "separate", "beside_a_free_lag", "share_of_left_out")
+KNOWN = ("gain", "equation", "source", "separate", "beside_a_free_lag", "share_of_left_out")
 """What the page says of the evidence in words of its own; any other number is listed."""
 
 
@@ -199,7 +200,7 @@ def _packed(samples: np.ndarray) -> str:
 
 
 def _plain(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return html.escape(text, quote=False)
 
 
 def _left(trace: Trace) -> np.ndarray:
@@ -480,7 +481,7 @@ def _law(finding: Mapping[str, Any]) -> dict[str, Any] | None:
         "nearest": None if nearest is None else {"form": _plain(nearest["form"]), "y": nearest["y"]},
         "form": _plain(form),
         "argument": _plain(f"{law['argument']}, {_unit(law['argument_unit'])}"),
-        "value": _plain(f"{law.get('quantity', 'missing')}, {_unit(law['unit'])}"),
+        "value": _plain(f"missing, {_unit(law['unit'])}"),
     }
 
 
@@ -497,7 +498,6 @@ def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
         "equivalents": _listed(str(each) for each in finding.get("equivalents") or []),
         "separate": evidence.get("separate") or [],
         "gain": number(evidence.get("gain")),
-        "gain_needed": number(evidence.get("gain_needed")),
         "share": f"{100 * evidence['share_of_left_out']:.3g} %" if _finite(evidence.get("share_of_left_out")) else "",
         "lag": [_strength(mechanism, *each) for each in lag.items()],
         "more": [(_words(key), number(each)) for key, each in evidence.items() if key not in KNOWN and _finite(each)],
@@ -599,12 +599,7 @@ def _rest(rest: Mapping[str, Any]) -> dict[str, Any] | None:
         for each in rest.get("shapes") or []
         if _finite(each.get("share"))
     ]
-    lines = [
-        (str(each["recording"]), number(each["frequency"]), f"{100 * each['share']:.2g} %")
-        for each in rest.get("lines") or []
-        if _finite(each.get("frequency")) and _finite(each.get("share"))
-    ]
-    return {"summary": rest["summary"], "shapes": shapes, "lines": lines}
+    return {"summary": rest["summary"], "shapes": shapes}
 
 
 def _ahead(record: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -613,9 +608,10 @@ def _ahead(record: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> 
         return [str(each) for each in record["next"]]
     found = []
     for finding in findings:
-        ways = (finding.get("evidence") or {}).get("separate") or []
-        for other, way in zip(finding.get("equivalents") or [], ways, strict=False):
-            found.append(f"To tell {finding['mechanism']} from {other}: {way}.")
+        ways = finding["evidence"].get("separate")
+        if ways:
+            others = _listed(finding["equivalents"])
+            found.append(f"To tell {finding['mechanism']} from {others}: {'; '.join(ways)}.")
     return found
 
 

@@ -162,7 +162,8 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
             freedom = int(kept.sum())
             gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
             cross_validated = known.cross_validated_gain(inside)
-            p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, freedom)), 1.0)
+            # recordings may say nothing of a family
+            p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, freedom)), 1.0) if freedom else 1.0
             scores.append(Score(each, gain, freedom, p, cross_validated))
             sizes = ((drawn[:, at] @ turned.astype(np.float32)) ** 2).sum(axis=1, dtype=float)
             # the quantile that is asked for is far below

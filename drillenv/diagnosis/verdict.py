@@ -15,14 +15,13 @@ from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, with_labels_corrected
-from drillenv.diagnosis.condition import Conditioned, common_lag, condition
+from drillenv.diagnosis.condition import Conditioned, common_lag, condition, without_unusable
 from drillenv.diagnosis.constants import NAMES, constants, logger
 from drillenv.diagnosis.drill import MASSES, PRESSURE_LABEL, ShootingProblem, first_states, resized
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.fitting import CONVERGED, FREE, GRADUAL, JOINED, OUTLYING, Fitted, fit_to, joined, priors_of
-from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.progress import (
     EXTENDING,
@@ -96,7 +95,6 @@ class Outcome:
     final: Fitted
     steps: list[Step]
     """Mechanisms that were added."""
-    named: list[Named]
     tested: ScoreTests
     proof: Proof
     explained: Explained
@@ -104,6 +102,8 @@ class Outcome:
     """Labels that were corrected."""
     stopped: str = ""
     """What was being done as the diagnosis was interrupted; empty where it was not."""
+    unusable: Sequence[str] = ()
+    """Sentences on recordings that were left out once labels had been corrected."""
 
     @property
     def held_out(self) -> tuple[list[StateEstimate], list[StateEstimate]]:
@@ -147,9 +147,11 @@ def diagnose_drill(
     campaign, labels = with_labels_corrected(campaign)
     for label in labels:
         say(label.sentence)
+    # one that was running has a first contact of which less is known
+    campaign, unusable = without_unusable(campaign, nominal_rig(campaign)) if labels else (campaign, [])
     outcome = search(campaign, say, jobs, scope, interruptible, within)
     if outcome.stopped:
-        return replace(outcome, labels=labels)
+        return replace(outcome, labels=labels, unusable=unusable)
     alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
     if alone is not None:
         say(f"{alone} disagrees more than all the others together: once more without it")
@@ -160,7 +162,7 @@ def diagnose_drill(
             # a corrected label of it has not helped
             labels = [each for each in labels if each.recording != alone]
             outcome, labels = again, [*labels, Label(alone, "use", "fit", "set aside", None)]
-    return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)])
+    return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)], unusable=unusable)
 
 
 def search(
@@ -196,8 +198,7 @@ def search(
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
     verdict = verdict_of(final, missing, proof.chi_squares, share)
-    named = [step.named for step in missing]
-    return Outcome(verdict, fit_data, plain, final, missing, named, tested, proof, share, [], progress.stopped)
+    return Outcome(verdict, fit_data, plain, final, missing, tested, proof, share, [], progress.stopped)
 
 
 class Selected(NamedTuple):
@@ -280,7 +281,8 @@ def outlying_recording(outcome: Outcome) -> str | None:
         return None
     left = np.array([max(float(excess_chi_square([each]).sum()), 0.0) for each in every])
     worst = int(np.argmax(left))
-    return every[worst].block.name if 2.0 * left[worst] > left.sum() else None
+    # of a recording that no motion follows it is infinite
+    return every[worst].block.name if left[worst] > np.delete(left, worst).sum() else None
 
 
 def mislabelled_pressures_by_fit(outcome: Outcome) -> list[Label]:
@@ -402,7 +404,8 @@ def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted,
     own = [each.own for each in there]
     blocks = [each.block for each in there]
     costs = [block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True)]
-    return Fitted(fitted.structure, blocks, replace(fitted.fit, own=own, cost=sum(costs), costs=costs), fitted.priors)
+    cost = sum(costs) + fitted.priors.cost(fitted.fit.shared)
+    return Fitted(fitted.structure, blocks, replace(fitted.fit, own=own, cost=cost, costs=costs), fitted.priors)
 
 
 def estimate_recordings(
@@ -589,10 +592,12 @@ def without_lines(block: ShootingProblem, lines: Sequence[float]) -> Noise:
 
 
 def chi_square(blocks: Sequence[StateEstimate]) -> float:
-    """Reduced chi-square of the samples of recordings, their own unknowns counted."""
+    """Reduced chi-square of recordings' samples, their own unknowns counted; infinite where one is not followed."""
     total, freedom = 0.0, 0
     for block, own, shared in blocks:
         raw = block.integrate(block.structure.model(shared * block.widths, block.point), own)
+        if not raw.good:
+            return math.inf
         residual = block.residual(shared * block.widths, raw.said, own)
         total += float((residual**2).sum())
         freedom += block.samples - own.size

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.body import ForceBalance, autoregression, columns_of, equation_force
-from drillenv.diagnosis.body_channels import prepare
+from drillenv.diagnosis.body_channels import _long, _widened, prepare
 from drillenv.diagnosis.body_diagnosis import begin, diagnose_body, stretches_of
 from drillenv.diagnosis.body_rig import BodyRig, Scale, law_of_body
 from drillenv.diagnosis.laws import HARDENING, SATURATING, Curve, kinds_of_spring
@@ -475,6 +475,32 @@ def test_every_channel_goes_through_the_same_filter(shaken):
         left = left - made.truth["stiffness"] * body.position - made.truth["offset"]
         expected = math.hypot(body.noise["force"], made.truth["mass"] * body.noise["acceleration"])
         assert np.std(left[body.keep]) == pytest.approx(expected, rel=0.2)
+
+
+def shortened(recording, size):
+    channels = {name: replace(each, samples=each.samples[:size]) for name, each in recording.channels.items()}
+    return replace(recording, channels=channels)
+
+
+def test_rows_are_as_far_apart_in_a_short_recording_as_in_a_long_one(shaken):
+    """Or one spectrum of what is left would not be that of both."""
+    _, campaign = shaken
+    first, *others = campaign.recordings
+    long = prepare(campaign)[0][0].every
+    mixed = replace(campaign, recordings=(shortened(first, first.size // 20), *others))
+    spacings = {body.every for body in prepare(mixed)[0]}
+    assert len(spacings) == 1 and spacings != {long}
+
+
+@pytest.mark.parametrize("by", [0, 3, 40, 400])
+def test_a_mask_is_widened_and_short_stretches_are_dropped(by):
+    rng = np.random.default_rng(by)
+    for size in (5, 50, 300):
+        mask = np.cumsum(rng.integers(0, 2, size)) % 7 > 2
+        near = np.abs(np.arange(size)[:, None] - np.flatnonzero(mask)) <= by
+        assert np.array_equal(_widened(mask, by), near.any(axis=1))
+        runs = "".join("x" if each else " " for each in mask).split(" ")
+        assert int(_long(mask, by).sum()) == sum(len(run) for run in runs if len(run) > by)
 
 
 def test_the_law_has_what_is_stated_and_nothing_else(shaken):

@@ -7,8 +7,12 @@ import pytest
 
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
+from drillenv.checks import InputError
+from drillenv.diagnosis import verdict
 from drillenv.diagnosis.bookkeeping import mislabelled_pressures, with_labels_corrected
+from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.report import diagnose
+from drillenv.diagnosis.verdict import Outcome, nominal_rig
 
 pytestmark = pytest.mark.xdist_group("bookkeeping")  # its campaigns take a minute to make: once is enough
 SITE = Site(drive=600.0, frequency=110.0)
@@ -141,3 +145,38 @@ def test_a_recording_that_alone_disagrees_is_set_aside():
     assert record["bookkeeping"] == [
         {"recording": recordings[2].name, "field": "use", "stated": "fit", "seems": "set aside", "std": None}
     ]
+
+
+def is_usable(recording, rig):
+    try:
+        condition(recording, rig)
+    except InputError:
+        return False
+    return True
+
+
+def test_a_recording_that_is_too_short_once_its_label_is_right_is_left_out(monkeypatch, campaigns):
+    """One said to be fresh begins with a window of its own, which one that was running has not."""
+    campaign = campaigns[0]
+    rig, i = nominal_rig(campaign), running(campaign)[0]
+    whole = campaign.recordings[i]
+
+    def part(first, last):
+        channels = {name: replace(each, samples=each.samples[first:last]) for name, each in whole.channels.items()}
+        return replace(whole, channels=channels, starts="fresh")
+
+    period = round(whole.sample_rate / whole.setting.frequency)
+    sizes, firsts = range(2 * period, 5 * period, period // 4), range(0, period, period // 12)
+    parts = (part(first, first + size) for first in firsts for size in sizes)
+    short = next(each for each in parts if is_usable(each, rig) and not is_usable(replace(each, starts="running"), rig))
+    recordings = [short if each is whole else each for each in campaign.recordings]
+    searched = []
+
+    def search(given, *_):
+        searched.extend(each.name for each in given.recordings)
+        return Outcome("agrees", [], *[None] * 6, [], stopped="here")  # type: ignore[arg-type]
+
+    monkeypatch.setattr(verdict, "search", search)
+    outcome = verdict.diagnose_drill(replace(campaign, recordings=tuple(recordings)))
+    assert searched == [each.name for each in campaign.recordings if each is not whole]
+    assert len(outcome.unusable) == 1 and whole.name in outcome.unusable[0]

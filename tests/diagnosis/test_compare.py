@@ -25,7 +25,7 @@ BEFORE = {
         {"mechanism": "backlash", "parameters": {}},
     ],
     "constants": {"damping": number(2450.0, 20.0, "N*s/m"), "stiffness": number(70e3, 100.0, "N/m")},
-    "fit": {"held_out": {"recordings": ["r03"], "before": 4.0, "after": 1.01}},
+    "fit": {"unit": "N, root mean square", "held_out": {"recordings": ["r03"], "before": 4.0, "after": 1.01}},
 }
 
 
@@ -44,7 +44,7 @@ def test_what_went_and_what_moved():
     assert damping["difference"] == pytest.approx(150.0) and damping["sigmas"] == pytest.approx(150.0 / 800.0**0.5)
     text = compared_text(found)
     assert "went: backlash" in text and "damping: 2450 to 2600" in text and "2 more numbers stayed" in text
-    assert "1.01, then 1.01 times the noise" in text
+    assert "left on recordings that were not fitted: 1.01, then 1.01 N" in text
 
 
 def test_nothing_differs_from_itself():

@@ -39,6 +39,12 @@ def made_axes():
 AXES = made_axes()
 
 
+def test_a_motion_that_never_touches_the_rock_has_axes():
+    """As is left of one that could not be followed."""
+    axes = axes_of([np.zeros((OWN, 100))], 1.0, [0.0])
+    assert np.isfinite(axes.low).all() and (axes.step > 0.0).all()
+
+
 def curve(group, axes=AXES, **more) -> Curve:
     """The first curve of a family."""
     term = next(each for each in families(axes, [60.0, 80.0, 100.0], **more) if each.group == group).terms[0]

@@ -1,5 +1,8 @@
 """The second design from a campaign of the concealed rig to its verdict."""
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from drillenv.blind.mechanisms import MECHANISMS, Concealed
 from drillenv.corrected import model_from_record, model_record
 from drillenv.diagnosis.findings import corrected, record_of
 from drillenv.diagnosis.thresholds import LEFT
-from drillenv.diagnosis.verdict import diagnose_drill, own_lines
+from drillenv.diagnosis.verdict import StateEstimate, diagnose_drill, outlying_recording, own_lines
 
 pytestmark = pytest.mark.slow
 
@@ -74,7 +77,7 @@ def test_a_hum_that_swells_is_followed():
     at = [each.name for each in MECHANISMS["mains-hum"].equations].index("swelling")
     hum = concealing("mains-hum", at, f_m=50.03, b_e=0.0, b_f=20.0, b_a=10.0, swell=0.8, f_swell=2.0)
     _, outcome = diagnosed(25, hum)
-    assert [each.mechanism for each in outcome.named] == ["mains-hum"]
+    assert [each.named.mechanism for each in outcome.steps] == ["mains-hum"]
     assert outcome.final.per_freedom < 1.0 + LEFT
     # recordings held out have it as lines beside each other
     lines = own_lines(outcome.final)
@@ -85,3 +88,25 @@ def test_a_hum_that_swells_is_followed():
     assert finding["law"]["y"][0] == pytest.approx(20.0, rel=0.5) and max(finding["law"]["y"][1:]) < 0.5
     assert finding["parameters"]["b_f"]["value"] == pytest.approx(finding["law"]["y"][0])
     assert finding["parameters"]["b_a"]["value"] == pytest.approx(0.5 * finding["law"]["y"][0], rel=0.05)
+
+
+def test_a_recording_that_no_motion_follows_is_the_outlier():
+    """Its excess is infinite: more than that of all the others together."""
+
+    class Block:
+        windows, samples = 8, 800
+
+        def __init__(self, name, cost):
+            self.name, self.point, self.cost = name, SimpleNamespace(name=name), cost
+
+        def state_count(self, _own):
+            return 4
+
+        def costs(self, _shared, _own):
+            return self.cost, np.full(self.windows, self.cost / self.windows)
+
+    costs = {"r1": 420.0, "r2": 430.0, "r3": math.inf, "r4": 425.0, "r5": 440.0}
+    every = [StateEstimate(Block(*each), np.zeros(32), np.zeros(1)) for each in costs.items()]  # type: ignore[arg-type]
+    assert outlying_recording(SimpleNamespace(every=every)) == "r3"  # type: ignore[arg-type]
+    two = [each._replace(block=Block(each.block.name, math.inf)) for each in every[:2]]  # type: ignore[arg-type]
+    assert outlying_recording(SimpleNamespace(every=[*two, *every[2:]])) is None  # type: ignore[arg-type]
