@@ -25,9 +25,9 @@ from benchmarks.alternatives.following import (
 )
 from drillenv.blind import marking
 from drillenv.checks import InputError
+from drillenv.diagnosis.drill_diagnosis import wrong_constants
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.thresholds import LEFT
-from drillenv.diagnosis.verdict import wrong_constants
 
 DIAGNOSIS, CONSTANTS, FREE = "diagnosis", "constants fitted", "constants fitted freely"
 SPARSE, PROCESS = "sparse regression", "Gaussian process"

@@ -16,19 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from drillenv.diagnosis.bookkeeping import with_labels_corrected
-from drillenv.diagnosis.condition import Conditioned, common_lag, condition, without_unusable
-from drillenv.diagnosis.fitting import FREE, Fitted, fit_to
+from drillenv.diagnosis.condition import Conditioned, conditioned, without_unusable
+from drillenv.diagnosis.drill_diagnosis import STRETCH, held_out, nominal_rig, plain_fit
+from drillenv.diagnosis.drill_prediction import StateEstimate, chi_square, estimate_recordings
+from drillenv.diagnosis.fitting import FREE, Fitted
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import RUNNING, ModelStructure
-from drillenv.diagnosis.verdict import (
-    STRETCH,
-    StateEstimate,
-    chi_square,
-    estimate_recordings,
-    held_out,
-    nominal_rig,
-    plain_fit,
-)
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
@@ -170,10 +163,7 @@ def prepared(folder: Path, names: Collection[str] | None = None) -> Split:
     rig = nominal_rig(campaign)
     campaign, _unusable = without_unusable(campaign, rig)
     campaign, _labels = with_labels_corrected(campaign)
-    data = [condition(each, rig) for each in campaign.recordings]
-    late = common_lag(data, rig)
-    if late != 0.0:
-        data = [condition(each, rig, late) for each in campaign.recordings]
+    data = conditioned(campaign.recordings, rig)
     held = {i for i, each in enumerate(data) if each.name in names} if names else held_out(data)
     return Split(
         campaign,
@@ -197,9 +187,7 @@ def fitted_freely(fitted: Fitted, pool: Executor) -> Fitted:
         if not unknown.name.endswith("mass"):
             term = term.freed(unknown.name)
     structure: ModelStructure = replace(fitted.structure, terms=(term, *fitted.structure.terms[1:]))
-    data = [block.data for block in fitted.blocks]
-    limits = Limits(15, 0.1, 1e-4)
-    return fit_to(data, structure, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, limits, fitted.noise)
+    return fitted.refit(structure, limits=Limits(15, 0.1, 1e-4))
 
 
 def followed(data: Sequence[Conditioned], fitted: Fitted, pool: Executor, known: bool = False) -> list[Followed]:

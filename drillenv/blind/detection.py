@@ -81,3 +81,34 @@ def detection_curves(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "half_found": half_found(sizes, [bool(mark["named"]) for mark in own]),
         }
     return found
+
+
+def table(curves: Mapping[str, Mapping[str, Any]]) -> str:
+    """Detection curves as a Markdown table, the mechanisms that are seen earliest first.
+
+    Args:
+        curves: Of :func:`detection_curves`.
+    """
+    shares = sorted({point["share"] for each in curves.values() for point in each["points"]}, reverse=True)
+    heads = ["mechanism", "shows most on", "half found at", *(f"{share:.3g}" for share in shares)]
+    rows = [heads, ["---"] * len(heads)]
+
+    def ease(each: Mapping[str, Any]) -> float:
+        whole = max(point["strength"] for point in each["points"])
+        seen = any(point["hits"] for point in each["points"])
+        return (0.0 if seen else math.inf) if each["half_found"] is None else each["half_found"] / whole
+
+    for name, each in sorted(curves.items(), key=lambda pair: (ease(pair[1]), pair[0])):
+        points = {point["share"]: point for point in each["points"]}
+        named = [f"{points[share]['hits']} of {points[share]['of']}" if share in points else "" for share in shares]
+        rows.append([name, each["where"].replace("_", " "), _half(each), *named])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _half(each: Mapping[str, Any]) -> str:
+    """The strength at which a mechanism is found half of the time, or what is known of it where that is not seen."""
+    strengths = [point["strength"] for point in each["points"]]
+    if each["half_found"] is not None:
+        return f"{each['half_found']:.2g} {each['unit']}"
+    seen = any(point["hits"] for point in each["points"])
+    return f"below {min(strengths):.2g} {each['unit']}" if seen else f"above {max(strengths):.2g} {each['unit']}"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from drillenv.diagnosis.adapter import Regression
+from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.solver import Floats
@@ -200,7 +200,7 @@ def equation_force(effect: str, p: tuple[float, ...], body: Body, stiffness: flo
 
 
 @dataclass
-class ForceBalance(Regression):
+class ForceBalance(RecordingProblem):
     """A stretch of a recording as a block of the solver. It has no unknowns of its own."""
 
     data: Stretch
@@ -220,11 +220,6 @@ class ForceBalance(Regression):
     def samples(self) -> int:
         """How many independent rows are judged."""
         return round(self.noise.share * int(self.judged.sum()))
-
-    @property
-    def power(self) -> float:
-        """None: a balance is judged, whose sides are no reading of one sensor; the report weighs what it explains."""
-        return 0.0
 
     def stiffness(self, values: Floats) -> float:
         """N/m of the law's spring; 0 where it has none."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import combinations
 from typing import cast
@@ -12,14 +12,14 @@ from typing import cast
 import numpy as np
 
 from drillenv.checks import InputError, shown
-from drillenv.diagnosis.body import Autoregression, Stretch
+from drillenv.diagnosis.body import Autoregression, ForceBalance, Stretch
 from drillenv.diagnosis.body_channels import Body, prepare
 from drillenv.diagnosis.body_noise import noise_of_richest
 from drillenv.diagnosis.body_report import BodyOutcome, BodyReport, is_of_speed
 from drillenv.diagnosis.body_rig import BodyRig, Scale, axes_of_bodies, gain_of_law, law_of_body, sampling
-from drillenv.diagnosis.fitting import CONVERGED, JOINED, Fitted, fit_to
+from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.naming import Named, without
+from drillenv.diagnosis.naming import Named, does_as_well, without
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import Step, forward
 from drillenv.diagnosis.solver import Limits
@@ -75,15 +75,14 @@ def diagnose_body(
             "see that its sensor was connected, or record larger motions"
         )
     with ThreadPoolExecutor(1) as pool:
-        own = [np.zeros(0)] * len(stretches)
-        plain = fit_to(stretches, begun, None, own, pool, JOINED, CONVERGED)
+        blocks = [ForceBalance(each, begun, JOINED, cast("BodyRig", begun.rig).noise) for each in stretches]
+        plain = fit_to(blocks, [np.zeros(0)] * len(blocks), begun, None, pool)
         say(f"reduced chi-square {plain.per_freedom:.3f}")
-        final, steps, tested = forward(stretches, plain, pool, say)
-        final = fit_to(stretches, final.structure, final.fit.shared, own, pool, JOINED, Limits(30, 1e-3), final.noise)
-        final, steps = as_sums(final, as_one(steps), pool, say)
+        final, steps, tested = forward(plain, say)
+        final, steps = as_sums(final.refit(limits=Limits(30, 1e-3)), as_one(steps), say)
         # both by one yardstick
-        plain = fit_to(stretches, plain.structure, plain.fit.shared, own, pool, JOINED, CONVERGED, final.noise)
-        return BodyReport(campaign, bodies, tuple(remarks), tuple(faults), plain, final, steps, tested, pool).outcome()
+        plain = plain.refit(noise=final.noise)
+        return BodyReport(campaign, bodies, tuple(remarks), tuple(faults), plain, final, steps, tested).outcome()
 
 
 def stretches_of(bodies: Sequence[Body], mass: float) -> list[Stretch]:
@@ -141,12 +140,9 @@ def as_one(steps: Sequence[Step]) -> list[Step]:
             for step in steps if step is most or step not in speed]  # fmt: skip
 
 
-def as_sums(
-    fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Callable[[str], object]
-) -> tuple[Fitted, list[Step]]:
+def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object]) -> tuple[Fitted, list[Step]]:
     """A fit and its steps, measured laws that two of the library's equations together say as well in two."""
     rig, found = cast("BodyRig", fitted.structure.rig), []
-    data, own = [block.data for block in fitted.blocks], [np.zeros(0)] * len(fitted.blocks)
     for step in steps:
         places = {term.place for term in step.terms if isinstance(term, Curve)}
         curved = bool(places) and step.named.equation is None
@@ -156,11 +152,10 @@ def as_sums(
         for pair in combinations(rig.equations(places) if curved else (), 2):
             if pair[0].effect == pair[1].effect or {each.name for each in pair} & {e.name for e in rest.terms}:
                 continue
-            begun = np.concatenate([start, *(np.array(e.form.starts[0]) / [u.width for u in e.unknowns] for e in pair)])
-            structure = replace(rest, terms=(*rest.terms, *pair))
-            both = fit_to(data, structure, begun, own, pool, JOINED, CONVERGED, fitted.noise)
+            begun = np.concatenate([start, *(np.array(e.form.starts[0]) / e.widths for e in pair)])
+            both = fitted.refit(replace(rest, terms=(*rest.terms, *pair)), begun)
             fewer = size - sum(len(each.unknowns) for each in pair)
-            as_well = Named.does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted.samples)
+            as_well = does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted.samples)
             if as_well and (best is None or both.cost < best[0].cost):
                 best = both, pair
         if best is None:
@@ -170,6 +165,6 @@ def as_sums(
         say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
         for each in best[1]:
             values = fitted.values_of(each.name)
-            named = Named(step.family, each.effect, each, [], (each, values))
+            named = Named(each.effect, each, [], (each, values))
             found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted))
     return fitted, found

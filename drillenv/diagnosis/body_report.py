@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
 from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, explained, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
-from drillenv.diagnosis.fitting import CONVERGED, JOINED, Fitted, fit_to
+from drillenv.diagnosis.fitting import JOINED, Fitted
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import POINTS, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import without
@@ -98,7 +97,6 @@ class BodyReport:
     """With all families that were found."""
     every: list[Step]
     tested: ScoreTests
-    pool: Executor
     steps: list[Step] = field(init=False)
     """Mechanisms that hold."""
     minor: list[Step] = field(init=False)
@@ -129,8 +127,7 @@ class BodyReport:
 
     def refitted(self, structure: ModelStructure, start: Floats) -> Fitted:
         """Another structure on the same rows by the same noise."""
-        data = [block.data for block in self.plain.blocks]
-        return fit_to(data, structure, start, [np.zeros(0)] * len(data), self.pool, JOINED, CONVERGED, self.final.noise)
+        return self.plain.refit(structure, start, noise=self.final.noise)
 
     # --- what speaks for it
 
@@ -138,7 +135,7 @@ class BodyReport:
         """(stretches,) by how much squares of whitened rows exceed the noise, each by a fit to the others."""
         found = []
         for block, shared in zip(fitted.blocks, left_out_in_turn(fitted), strict=True):
-            found.append(float(np.sum(block.residual(shared * block.widths) ** 2)) - block.samples)
+            found.append(float(np.sum(block.residual(shared * block.structure.widths) ** 2)) - block.samples)
         return np.array(found)
 
     def weigh(self, step: Step) -> Evidence:
@@ -358,7 +355,7 @@ class BodyReport:
         x = axes.between(place, float(ends[0]), float(ends[1]), POINTS)
         straight = self.unstated(place, x)
         inside = final.indices_of(terms) + list(straight)
-        widths = np.array([final.structure.unknowns[i].width for i in inside])
+        widths = final.structure.widths[inside]
         stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
         names = {each.name for each in terms}
         terms = [each for each in final.structure.terms if each.name in names]
@@ -401,7 +398,7 @@ class BodyReport:
         equation, values = step.named.nearest_fit
         plain = self.plain
         structure = replace(plain.structure, terms=(*plain.structure.terms, equation))
-        start = np.concatenate([plain.fit.shared, values / np.array([each.width for each in equation.unknowns])])
+        start = np.concatenate([plain.fit.shared, values / equation.widths])
         return self.refitted(structure, start)
 
     def strengths(self, step: Step, fitted: Fitted) -> dict[str, Any]:
@@ -600,5 +597,6 @@ def left_out_in_turn(fitted: Fitted) -> list[Floats]:
 def rms(fitted: Fitted, shared: Sequence[Floats] | None = None) -> float:
     """N, root mean square of what is left of rows that are judged, by parameters of each block or those of the fit."""
     every = shared or [fitted.fit.shared] * len(fitted.blocks)
-    left = [block.left(x * block.widths)[block.data.keep] for block, x in zip(fitted.blocks, every, strict=True)]
+    widths = fitted.structure.widths
+    left = [block.left(x * widths)[block.data.keep] for block, x in zip(fitted.blocks, every, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from drillenv.diagnosis.adapter import Rival
+from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.body import (
     Autoregression,
     ForceBalance,
@@ -31,7 +30,6 @@ from drillenv.diagnosis.laws import (
     SLOW,
     Curve,
     Equation,
-    Equivalent,
     Family,
     FreeLaws,
     bsplines,
@@ -41,10 +39,10 @@ from drillenv.diagnosis.laws import (
     odd_with_step,
 )
 from drillenv.diagnosis.noise import peak_offset
-from drillenv.diagnosis.score_tests import best_frequency
+from drillenv.diagnosis.score_tests import most_promising
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import ModelStructure, Term, Unknown, mean_amplitude
+from drillenv.diagnosis.terms import Term, Unknown, mean_amplitude
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.forms import Form
@@ -98,7 +96,7 @@ class Scale(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BodyRig:
+class BodyRig(Adapter):
     """The adapter of a single body."""
 
     stretches: Sequence[Stretch]
@@ -134,34 +132,16 @@ class BodyRig:
 
     # --- what the fits ask for
 
-    def block(self, data: Stretch, structure: ModelStructure, weight: float, noise: Autoregression) -> ForceBalance:
-        """A stretch under a model structure."""
-        return ForceBalance(data, structure, weight, noise)
-
-    def first_noise(self, data: Stretch) -> Autoregression:
-        """That of the richest model."""
-        return self.noise
-
-    def own_for(self, own: Floats, data: Stretch, structure: ModelStructure, noise: Autoregression) -> Floats:
-        """None."""
-        return own
-
-    def noise_left(self, fitted: Fitted, pool: Executor | None) -> list[Autoregression]:
+    def noise_left(self, fitted: Fitted) -> list[Autoregression]:
         """As it was, or what a model leaves that is richer than the one by which it was estimated."""
         if fitted.per_freedom >= QUIETER:
             return fitted.noise
         left = [block.left(fitted.values) for block in fitted.blocks]
         return [autoregression(left, [block.data.keep for block in fitted.blocks], self.band)] * len(left)
 
-    def axes_at(self, fitted: Fitted, pool: Executor) -> Axes:
+    def axes_at(self, fitted: Fitted) -> Axes:
         """What is measured is visited, whatever the model."""
         return self.axes
-
-    def reparametrise_to_nominal(
-        self, structure: ModelStructure, values: Floats, places: Collection[int]
-    ) -> Equivalent:
-        """The model is linear: constants far from what is stated hold up no fit."""
-        return Equivalent(structure.axes, values, {})
 
     # --- what may be missing
 
@@ -174,7 +154,7 @@ class BodyRig:
         rising = bsplines(3 * detail + 3, low)
         friction = Curve("friction", coefficients("friction", len(rising), unit), GUIDE, odd_with_step(rising))
         spring = free.curve("spring", unit, SPRING, free.splines(10))
-        damper = free.curve("damper", unit, DAMPER, free.over_speed(9, DAMPER))
+        damper = free.curve("damper", unit, DAMPER, free.finer_at_zero(9, DAMPER))
         faster = mechanism_of_law("damper" if "damping" in self.stated else "unstated damping")
         found = [
             Family("spring", "spring", (spring,), mechanism_of_law(HARDENING)),
@@ -292,13 +272,13 @@ class BodyRig:
             Family(drift.name, drift.name, (drift,), sentence="it grows with the time in the recording"),
         ]
 
-    def at_own_frequency(self, fitted: Fitted, there: Collection[str], pool: Executor) -> list[Family]:
+    def at_own_frequency(self, fitted: Fitted, there: Collection[str]) -> list[Family]:
         """A force that is periodic in the position, and one that goes on by itself, where a fit leaves most of it."""
         found = []
         if "spring" not in there and self.scale.travel > 0.0:
             span = float(np.ptp(self.axes.points(SPRING)))
             lengths = span / RIPPLES
-            best = best_frequency(fitted, lengths, lambda length: self.ripple(length).terms[0], pool)
+            best, _gain = most_promising(fitted, [self.ripple(float(each)).terms[0] for each in lengths])
             found.append(replace(self.ripple(float(lengths[best])), look_elsewhere=RIPPLES.size))
         if "tone" not in there:
             tone = self.tone(fitted)
@@ -409,7 +389,7 @@ class BodyRig:
         constants = fitted.structure.terms[0]
         count = len(constants.unknowns)
         names = {each.name for each in family.terms}
-        widths = np.array([each.width for each in equation.unknowns])
+        widths = equation.widths
         pairs = zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True)
         own = [(term, values) for term, values in pairs if term.name in names]
         bases, laws, blocks = [], [], fitted.blocks

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from scipy.stats import siegelslopes
 
-from drillenv.checks import InputError
 from drillenv.diagnosis.condition import TOUCH, fit_excitation, what_is_needed, white_noise
 from drillenv.diagnosis.thresholds import (
     AMPLITUDE_OFF,
@@ -27,7 +26,7 @@ from drillenv.diagnosis.thresholds import (
     STANDS_OUT,
 )
 from drillenv.recordings import Campaign, Recording
-from drillenv.rig import AMPLITUDE_LIMITS, PRESSURE_LIMITS, Setting
+from drillenv.rig import AMPLITUDE_LIMITS, PRESSURE_LIMITS
 
 SETTLING, STEADY = 0.1, 0.19
 """Seconds after which the masses' relative motion at a start is over, and over which the force has to be averaged:
@@ -51,11 +50,6 @@ class Label:
     seems: float | str
     std: float | None
     """Standard deviation of what it seems to be, None of a word."""
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """As a report gives it."""
-        return {name: getattr(self, name) for name in ("recording", "field", "stated", "seems", "std")}
 
     @property
     def sentence(self) -> str:
@@ -87,7 +81,7 @@ def relabelled(recording: Recording, label: Label) -> Recording:
     """The recording with the label that it seems to have."""
     if label.field == "starts":
         return replace(recording, starts=str(label.seems))
-    return replace(recording, setting=replace(setting_of(recording), **{label.field: label.seems}))
+    return replace(recording, setting=replace(what_is_needed(recording)[0], **{label.field: label.seems}))
 
 
 def mislabelled_amplitudes(recordings: Sequence[Recording]) -> list[Label]:
@@ -130,7 +124,7 @@ def is_running(force: np.ndarray, acceleration: np.ndarray, rate: float) -> bool
 
 def mislabelled_pressures(recordings: Sequence[Recording]) -> list[Label]:
     """Those whose mean force does not lie on the line of the others."""
-    pressures = np.array([setting_of(each).pressure for each in recordings])
+    pressures = np.array([what_is_needed(each)[0].pressure for each in recordings])
     means = np.array([mean_force(each) for each in recordings])
     fresh = np.array([each.starts == "fresh" for each in recordings])
     inside, found = np.isfinite(means), []
@@ -183,14 +177,3 @@ def mean_force(recording: Recording) -> float:
     if periods < STEADY * setting.frequency:
         return math.nan
     return float(force[-round(periods / setting.frequency * recording.sample_rate) :].mean())
-
-
-def setting_of(recording: Recording) -> Setting:
-    """The setting.
-
-    Raises:
-        InputError: it has none.
-    """
-    if recording.setting is None:
-        raise InputError(f"{recording.name} has no setting: state frequency, amplitude and pressure")
-    return recording.setting

@@ -425,6 +425,13 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
     )
 
 
+def conditioned(recordings: Sequence[Recording], rig: Rig) -> list[Conditioned]:
+    """Recordings prepared, with one guess of how late the acceleration is in all of them."""
+    data = [condition(each, rig) for each in recordings]
+    late = common_lag(data, rig)
+    return data if late == 0.0 else [condition(each, rig, late) for each in recordings]
+
+
 def without_unusable(campaign: Campaign, rig: Rig) -> tuple[Campaign, list[str]]:
     """A campaign without the recordings that cannot be prepared, and a sentence for each of these.
 

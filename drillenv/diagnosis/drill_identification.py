@@ -122,7 +122,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     curves = {term.place: np.linalg.pinv(term.basis.T) for term in family.terms if isinstance(term, Curve)}
     # the same in every recording, as is what an equation says there
     standing = {place: found[0].curve(place) for place in curves}
-    widths = {term.place: np.array([each.width for each in term.unknowns]) for term in family.terms
+    widths = {term.place: term.widths for term in family.terms
               if isinstance(term, Curve)}  # fmt: skip
     # but for a gain that falls with the frequency, the recordings say the same
     seen = scenes if DRIVE_LAG in acts_at(equation.effect, equation.form)[1] else scenes[:1]
@@ -208,10 +208,7 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
             every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
         constants = fitted.fit.shared[: len(fitted.structure.terms[0].unknowns)]
         starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
-        return [
-            Rival(each, [(constants, values / np.array([one.width for one in each.unknowns])) for values in begun], 0.0)
-            for each, begun in starts
-        ]
+        return [Rival(each, [(constants, values / each.widths) for values in begun], 0.0) for each, begun in starts]
     found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
     # those of its own kind first, with states or without: of a law without curves nothing else says which is nearest
     return sorted(found, key=lambda each: (each.equation.has_states != family.has_states, each.worse))

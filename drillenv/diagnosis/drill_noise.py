@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +26,7 @@ def noise_of(data: Conditioned) -> Noise:
     return NoiseModel(data.noise_force, 0.0, (), data.rate), NoiseModel(data.noise_acceleration, 0.0, (), data.rate)
 
 
-def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
+def noise_left(fitted: Fitted) -> list[Noise]:
     """Noise of each recording as a fit's residuals show it."""
 
     def estimated(block: ShootingProblem, own: Floats) -> Noise:
@@ -46,8 +45,7 @@ def noise_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
         again = lines_of_noise(estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, converter_lsb))
         return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
 
-    each: Callable = map if pool is None else pool.map
-    return list(each(estimated, fitted.blocks, fitted.fit.own))
+    return fitted.each(estimated)
 
 
 def left_by(fitted: Fitted, block: ShootingProblem, own: Floats) -> Floats:
@@ -62,7 +60,7 @@ def lines_of_noise(level: NoiseModel) -> NoiseModel:
     return replace(level, lines=tuple(each for each in level.lines if each >= LOWEST_LINE))
 
 
-def with_lines_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
+def with_lines_left(fitted: Fitted) -> list[Noise]:
     """The noise that a fit was weighed by, with lines as its residuals show them off the harmonics of the excitation.
 
     What a model misses of a motion that repeats itself lies on harmonics: these lines are seen however far it is off.
@@ -76,8 +74,7 @@ def with_lines_left(fitted: Fitted, pool: Executor | None) -> list[Noise]:
         )
         return first, second
 
-    each: Callable = map if pool is None else pool.map
-    return list(each(known, fitted.blocks, fitted.fit.own))
+    return fitted.each(known)
 
 
 def quietest(noise: Sequence[Noise], data: Sequence[Conditioned], lines: bool = False) -> list[Noise]:

@@ -4,76 +4,50 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from concurrent.futures import Executor
+from typing import Any
 
 import numpy as np
 
-from drillenv.diagnosis.adapter import Rival
-from drillenv.diagnosis.condition import Conditioned
-from drillenv.diagnosis.drill import ShootingProblem, resized, states_per_window
+from drillenv.diagnosis.adapter import Adapter
 from drillenv.diagnosis.drill_identification import law_of, mechanisms_of, rivals, taken_up
-from drillenv.diagnosis.drill_noise import Noise, noise_left, noise_of
+from drillenv.diagnosis.drill_noise import noise_left
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import (
     CURVED,
     MOUNT_LAW,
     STRAIGHT,
     Curve,
-    Equivalent,
     Family,
-    axes_of,
+    axes_visited,
     families,
     kind_of_contact,
     kinds_of_spring,
     reparametrise_to_nominal,
 )
-from drillenv.diagnosis.noise import nuisance
-from drillenv.diagnosis.score_tests import best_frequency
+from drillenv.diagnosis.score_tests import most_promising
 from drillenv.diagnosis.sensing import ACCELEROMETER, Added, Sensor, kind_of_response, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
-from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.constitutive.places import LOADING, SPRING
 from drillenv.dynamics.effects import mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
 
-class DrillRig:
+class DrillRig(Adapter):
     """The adapter of the drilling rig."""
 
-    def block(self, data: Conditioned, structure: ModelStructure, weight: float, noise: Noise) -> ShootingProblem:
-        """A recording by multiple shooting."""
-        return ShootingProblem(data, structure, weight, noise)
+    noise_left: Any = staticmethod(noise_left)
+    rivals: Any = staticmethod(rivals)
+    taken_up: Any = staticmethod(taken_up)
+    mechanisms_of: Any = staticmethod(mechanisms_of)
+    reparametrise_to_nominal: Any = staticmethod(reparametrise_to_nominal)
 
-    def first_noise(self, data: Conditioned) -> Noise:
-        """White noise as conditioning has found it."""
-        return noise_of(data)
-
-    def own_for(self, own: Floats, data: Conditioned, structure: ModelStructure, noise: Noise) -> Floats:
-        """States of windows, and amplitudes of the noise model's lines."""
-        windows = len(data.starts) - 1
-        size = V.OWN if any(term.has_states for term in structure.terms) else 4
-        lines = sum(len(nuisance(each, 2)[1]) for each in noise)
-        return resized(own, windows, size, states_per_window(own, windows), lines)
-
-    def noise_left(self, fitted: Fitted, pool: Executor | None) -> list[Noise]:
-        """Noise of each recording as a fit's residuals show it."""
-        return noise_left(fitted, pool)
-
-    def axes_at(self, fitted: Fitted, pool: Executor) -> Axes:
+    def axes_at(self, fitted: Fitted) -> Axes:
         """Axes over the ranges that a fit's motions visit."""
-        paths, models = motions(fitted, pool)
-        drive = max(float(each.s[V.F_A]) for each in models)
-        rest = [float(each.s[V.F_B] / each.s[V.K]) for each in models]
-        return axes_of(paths, drive, rest)
-
-    def reparametrise_to_nominal(
-        self, structure: ModelStructure, values: Floats, places: Collection[int]
-    ) -> Equivalent:
-        """The same motion with constants as stated that a law at one of the places can take up."""
-        return reparametrise_to_nominal(structure, values, places)
+        models = [fitted.structure.model(fitted.values, each.point) for each in fitted.blocks]
+        paths = fitted.each(lambda block, own, model: block.path(model, own), models)
+        return axes_visited(paths, models)
 
     def candidates(self, fitted: Fitted) -> list[Family]:
         """Every family of the motion and of the sensors."""
@@ -89,7 +63,7 @@ class DrillRig:
         """Families with free laws on these axes."""
         return families(axes, [block.point.frequency for block in fitted.blocks], detail)
 
-    def at_own_frequency(self, fitted: Fitted, there: Collection[str], pool: Executor) -> list[Family]:
+    def at_own_frequency(self, fitted: Fitted, there: Collection[str]) -> list[Family]:
         """Vibrations and a turning rock."""
         recordings = [block.name for block in fitted.blocks]
         seconds = max(block.data.force.size / block.data.rate for block in fitted.blocks)
@@ -99,21 +73,10 @@ class DrillRig:
             if tried.size:
                 # of several channels, the first shows the frequency
                 first = kind.channels[:1]
-                at = best_frequency(fitted, tried, lambda f, k=kind, c=first: sinusoid(k, f, recordings, 0.0, c), pool)
+                terms = [sinusoid(kind, float(each), recordings, 0.0, first) for each in tried]
+                at, _gain = most_promising(fitted, terms)
                 found.append(at_frequency(kind, float(tried[at]), recordings, tried))
         return found
-
-    def rivals(self, fitted: Fitted, family: Family) -> list[Rival]:
-        """The library's equations that could stand for a family's law, the nearest first."""
-        return rivals(fitted, family)
-
-    def taken_up(self, equation) -> list[str]:
-        """Constants that can take up what is straight in an equation's law."""
-        return taken_up(equation)
-
-    def mechanisms_of(self, family: Family) -> set[str]:
-        """The library's mechanisms that a family may turn out to be."""
-        return mechanisms_of(family)
 
     def mechanisms_by_law(self, fitted: Fitted, family: Family, nearest: str) -> tuple[str, ...]:
         """The mechanism of a law that no equation follows, the likeliest first; ``nearest`` explains most of it."""
@@ -134,11 +97,3 @@ class DrillRig:
 
 
 DRILL = DrillRig()
-
-
-def motions(fitted: Fitted, pool: Executor) -> tuple[list[Floats], list]:
-    """Path (OWN, n) and model of each recording, where the fit stands."""
-    values = fitted.values
-    models = [fitted.structure.model(values, each.point) for each in fitted.blocks]
-
-    return list(pool.map(ShootingProblem.path, fitted.blocks, models, fitted.fit.own)), models

@@ -21,6 +21,7 @@ from drillenv.dynamics.hybrid import model as hybrid
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.model import Placed, assemble, law_table
 from drillenv.dynamics.hybrid.sensitivity import LAW, STATE, Columns
+from drillenv.dynamics.hybrid.shooting import Shot
 
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
@@ -38,6 +39,47 @@ class Column(NamedTuple):
     law: int = -1
     pieces: Floats | None = None
     """By what the pieces of an equation's law change, of this number among the model's."""
+
+
+Varying = tuple[Column, dict[int, float]]
+"""A column of the integrator, and its share in the derivatives by parameters."""
+
+
+class Varied(NamedTuple):
+    """By what a motion is differentiated: own states at the windows' beginnings, and columns."""
+
+    columns: Sequence[Column]
+    by_own: Floats
+    """(windows, kept, kept) derivatives of the states that windows begin with, by own unknowns."""
+    by_column: Floats
+    """(windows, columns, kept) the same by columns."""
+
+
+class Raw(NamedTuple):
+    """What the engine says of a recording."""
+
+    said: Floats
+    """(2, fine samples) force in N and acceleration in m/s^2."""
+    path: Floats
+    """(OWN, steps) states along the motion; none where they are not asked for."""
+    by_state: Floats
+    """(kept, 2, fine samples) by own unknowns of the same window."""
+    by_column: Floats
+    """(columns, 2, fine samples)"""
+    ends: Floats
+    """(windows, OWN) states at the ends of windows, or at their beginnings where these were chained."""
+    ends_by_state: Floats
+    """(windows, kept, OWN)"""
+    ends_by_column: Floats
+    """(windows, columns, OWN)"""
+    good: bool
+    """Whether the motion could be followed to the end."""
+
+
+def raw_of(shot: Shot, ends: Floats, states: int, good: bool) -> Raw:
+    """What the engine has written, of which the first columns are those by states."""
+    by, ends_by = shot.by_column, shot.ends_by_column
+    return Raw(shot.said, shot.path, by[:states], by[states:], ends, ends_by[:, :states], ends_by[:, states:], good)
 
 
 @functools.lru_cache(maxsize=512)

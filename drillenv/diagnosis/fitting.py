@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,6 @@ FREE, JOINED = 1e3, 1.0
 within the integrator's error."""
 GRADUAL = (100.0, 10.0, JOINED)
 """From one to the other in smaller steps."""
-FULL = Limits()
 CONVERGED = Limits(40, 0.5, 0.003)
 """Until a step gains next to nothing of what is left: far off, fits creep along curved valleys, and say little
 of a model where they are ended for their number of steps."""
@@ -45,11 +44,34 @@ class Fitted:
     """Recordings as the rig's adapter makes them: :class:`~drillenv.diagnosis.adapter.RecordingProblem`."""
     fit: Fit
     priors: Priors
+    pool: Executor | None = None
+    """Where recordings are evaluated side by side."""
+
+    def each(self, evaluate: Callable, *more: Iterable) -> list[Any]:
+        """What a function says of each recording and its own unknowns, and of what more there is of each."""
+        side_by_side: Callable = map if self.pool is None else self.pool.map
+        return list(side_by_side(evaluate, self.blocks, self.fit.own, *more))
+
+    def refit(
+        self,
+        structure: ModelStructure | None = None,
+        start: Floats | None = None,
+        limits: Limits = CONVERGED,
+        *,
+        own: Sequence[Floats] | None = None,
+        weight: float | None = None,
+        noise: Sequence[Any] | None = None,
+        states_first: bool = False,
+    ) -> Fitted:
+        """A fit to the same recordings, by :func:`fit_to`; what is not given is as it is in this one."""
+        structure, start = structure or self.structure, self.fit.shared if start is None else start
+        own = self.fit.own if own is None else own
+        return fit_to(self.blocks, own, structure, start, self.pool, limits, weight, noise, states_first)
 
     @property
     def values(self) -> Floats:
         """Of the parameters, in their units."""
-        return self.fit.shared * np.array([each.width for each in self.structure.unknowns])
+        return self.fit.shared * self.structure.widths
 
     @property
     def cost(self) -> float:
@@ -119,7 +141,7 @@ class Fitted:
     def precision_of(self, term: Term) -> Floats:
         """(m, m) of the parameters of a term, in their units."""
         inside = self.indices_of([term])
-        widths = np.array([each.width for each in self.structure.unknowns])[inside]
+        widths = self.structure.widths[inside]
         inverse = np.linalg.pinv(self.covariance[np.ix_(inside, inside)], hermitian=True)
         return np.asarray(inverse / np.outer(widths, widths), dtype=float)
 
@@ -139,7 +161,7 @@ def penalty(freedom: int, fitted: Fitted) -> float:
 def priors_of(structure: ModelStructure) -> Priors:
     """Priors and bounds of a structure's parameters, in the solver's units."""
     unknowns = structure.unknowns
-    widths = np.array([each.width for each in unknowns])
+    widths = structure.widths
     return Priors(
         np.array([each.value for each in unknowns]) / widths,
         widths / np.array([each.std for each in unknowns]),
@@ -148,34 +170,36 @@ def priors_of(structure: ModelStructure) -> Priors:
     )
 
 
-def rollout(blocks: Sequence[Any], shared: Floats, own: Sequence[Floats], pool: Executor | None) -> list[Floats]:
-    """Own unknowns with which windows go on from each other: see :meth:`RecordingProblem.rollout`."""
-    each: Callable = map if pool is None else pool.map
-    return list(each(lambda block, x: block.rollout(shared, x), blocks, own))
-
-
 def fit_to(
-    data: Sequence[Any],
+    blocks: Sequence[Any],
+    own: Sequence[Floats],
     structure: ModelStructure,
     start: Floats | None,
-    own: Sequence[Floats],
     pool: Executor | None,
-    weight: float,
-    limits: Limits = FULL,
+    limits: Limits = CONVERGED,
+    weight: float | None = None,
     noise: Sequence[Any] | None = None,
     states_first: bool = False,
 ) -> Fitted:
-    """Fit a model structure; ``start`` in the solver's units, None for the priors' centres; ``weight`` as of a block.
+    """Fit a model structure.
 
-    With ``states_first`` own unknowns are fitted alone before, where the start is of another kind than the model they
-    were fitted with.
+    Args:
+        blocks: Recordings, under whatever structure they have been so far, at least one.
+        own: The own unknowns of each, with which it begins.
+        structure: To be fitted.
+        start: Shared parameters in the solver's units; None for the priors' centres.
+        pool: Where recordings are evaluated side by side.
+        limits: When to end.
+        weight: Of the continuity constraints; as it is where None.
+        noise: Of each recording; as it is where None.
+        states_first: Whether own unknowns are fitted alone before: where the start is of another kind than the model
+            they were fitted with.
     """
     priors = priors_of(structure)
     shared = priors.centre.copy() if start is None else start
-    rig = structure.rig
-    levels = [rig.first_noise(each) if noise is None else noise[i] for i, each in enumerate(data)]
-    own = [rig.own_for(each, one, structure, level) for each, one, level in zip(own, data, levels, strict=True)]
-    blocks = [rig.block(each, structure, weight, level) for each, level in zip(data, levels, strict=True)]
+    levels = [None] * len(blocks) if noise is None else noise
+    pairs = [block.under(structure, one, weight, level) for block, one, level in zip(blocks, own, levels, strict=True)]
+    blocks, own = [block for block, _ in pairs], [one for _, one in pairs]
     samples = sum(each.samples for each in blocks)
     if states_first:
         each: Callable = map if pool is None else pool.map
@@ -183,50 +207,41 @@ def fit_to(
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
     if fit.begun - fit.cost < limits.gain(fit.begun, samples):
         # what stands out did so before
-        return Fitted(structure, blocks, fit, priors)
+        return Fitted(structure, blocks, fit, priors, pool)
     failed: list[Attempt | None] = [None] * len(blocks)
     for _ in range(ROUNDS):
         own, failed = reinitialise_outliers(blocks, fit, failed, pool)
         if None not in failed:
             break
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
-    return Fitted(structure, blocks, fit, priors)
+    return Fitted(structure, blocks, fit, priors, pool)
 
 
-def joined(data: Sequence[Any], found: Fitted, pool: Executor, limits: Limits, noise: Sequence[Any]) -> Fitted:
+def joined(found: Fitted, limits: Limits = CONVERGED, noise: Sequence[Any] | None = None) -> Fitted:
     """A fit whose windows are nearly free, with windows that go on from each other as closely as the model can.
 
     At once, or else in small steps, of which the last is kept at which the model still comes close.
     """
     if found.weight <= JOINED or found.per_freedom > CLOSE:
         return found
-    begun = rollout(found.blocks, found.fit.shared, found.fit.own, pool)
-    at_once = fit_to(data, found.structure, found.fit.shared, begun, pool, JOINED, limits, noise)
+    begun = found.each(lambda block, own: block.rollout(found.fit.shared, own))
+    at_once = found.refit(limits=limits, own=begun, weight=JOINED, noise=noise)
     if at_once.per_freedom < CLOSE:
         return at_once
     for weight in [each for each in GRADUAL if each < found.weight]:
-        further = fit_to(data, found.structure, found.fit.shared, found.fit.own, pool, weight, limits, noise)
+        further = found.refit(limits=limits, weight=weight, noise=noise)
         if further.per_freedom > CLOSE:
             break
         found = further
     return found
 
 
-def with_windows_freed(
-    data: Sequence[Any],
-    structure: ModelStructure,
-    start: Floats,
-    own: Sequence[Floats],
-    pool: Executor,
-    noise: Sequence[Any],
-    states_first: bool = False,
-) -> Fitted:
-    """A short fit by windows that are free for a while, then joined; arguments as of :func:`fit_to`.
+def with_windows_freed(fitted: Fitted, structure: ModelStructure, start: Floats, states_first: bool = False) -> Fitted:
+    """A short fit of a structure by windows that are free for a while, then joined; arguments as of :func:`fit_to`.
 
     A joined fit may creep along a curved valley where one of free windows goes straight.
     """
-    free = fit_to(data, structure, start, own, pool, FREE, SHORT, noise, states_first)
-    return joined(data, free, pool, SHORT, noise)
+    return joined(fitted.refit(structure, start, SHORT, weight=FREE, states_first=states_first), SHORT)
 
 
 class Attempt(NamedTuple):

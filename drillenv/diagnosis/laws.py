@@ -265,12 +265,11 @@ def _unknown(parameter: Parameter, form: Form, i: int) -> Unknown:
     return Unknown(parameter.symbol, form.starts[0][i], 0.2 * largest, math.inf, low, high, parameter.unit)
 
 
-def bsplines(count: int, at: Floats | None = None, degree: int = 3) -> Floats:
-    """(count, GRID) B-splines over a place's axis, even in ``at`` (GRID,), which rises; in the axis where None."""
+def bsplines(count: int, at: Floats | None = None) -> Floats:
+    """(count, GRID) cubic B-splines over an axis, even in ``at`` (GRID,), which rises; in the axis where None."""
     at = np.arange(GRID, dtype=float) if at is None else at
-    inner = np.linspace(at[0], at[-1], count - degree + 1)
-    knots = np.concatenate([[at[0]] * degree, inner, [at[-1]] * degree])
-    return BSpline.design_matrix(np.clip(at, at[0], at[-1]), knots, degree).toarray().T
+    knots = np.concatenate([[at[0]] * 3, np.linspace(at[0], at[-1], count - 2), [at[-1]] * 3])
+    return BSpline.design_matrix(np.clip(at, at[0], at[-1]), knots, 3).toarray().T
 
 
 def odd(right: Floats) -> Floats:
@@ -326,9 +325,15 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     return Axes(scale, low, (high - low) / (GRID - 1))
 
 
-def coefficients(name: str, count: int, width: float, loose: float = 30.0) -> tuple[Unknown, ...]:
-    """Parameters of a free law at 0, in units of ``width``, so many times which is the prior's standard deviation."""
-    return tuple(Unknown(f"{name} {i}", 0.0, width, loose * width) for i in range(count))
+def axes_visited(paths: Sequence[Floats], models: Sequence[Model]) -> Axes:
+    """The same of motions by their models."""
+    drive = max(float(each.s[V.F_A]) for each in models)
+    return axes_of(paths, drive, [float(each.s[V.F_B] / each.s[V.K]) for each in models])
+
+
+def coefficients(name: str, count: int, width: float) -> tuple[Unknown, ...]:
+    """Parameters of a free law at 0, in units of ``width``, thirty of which are the prior's standard deviation."""
+    return tuple(Unknown(f"{name} {i}", 0.0, width, 30.0 * width) for i in range(count))
 
 
 def _waves(orders: Sequence[int]) -> Floats:
@@ -403,13 +408,8 @@ class FreeLaws:
         """B-splines, so many at the lowest resolution, even in ``at`` (GRID,)."""
         return bsplines((count - 3) * self.detail + 3, at)
 
-    def over_depth(self, place: int) -> Floats:
-        """Finer near nothing, where a soft layer or a tip that is round begins."""
-        x = self.axes.points(place)
-        return self.splines(8, np.arcsinh(SLOW * x / x[-1]))
-
-    def over_speed(self, count: int, place: int) -> Floats:
-        """Finer at low speeds."""
+    def finer_at_zero(self, count: int, place: int) -> Floats:
+        """Finer at low speeds, and near nothing, where a soft layer or a tip that is round begins."""
         x = self.axes.points(place)
         return self.splines(count, np.arcsinh(SLOW * x / x[-1]))
 
@@ -425,64 +425,44 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
     A law holds what is straight in it: which share of that is a constant's, the constants' priors say.
     """
     free = FreeLaws(axes, detail)
-    acting = [*_contact(free), *_coupling(free), *_friction(free), *_drive(free, frequencies)]
-    return [*acting, *_remembering(), *_presliding(), _mounting(free)]
-
-
-def _contact(free: FreeLaws) -> list[Family]:
-    rates = _through_zero(free.splines(7))
-    law = (
-        free.curve("loading", 0.05, LOADING, free.over_depth(LOADING)),
-        free.curve("unloading", 0.05, UNLOADING, free.over_depth(UNLOADING)),
-    )
-    rate = (
-        free.curve("rate-factor", 0.05, RATE_FACTOR, rates),
-        free.curve("rate-force", 20.0, RATE_FORCE, rates),
-    )
+    rates, friction = _through_zero(free.splines(7)), free.odd_over_speed
     # a face that has been hit for long changes no more
-    compaction = free.curve("compaction", 0.1, COMPACTION, free.splines(6)[:-1])
-    return [
-        Family(CURVED, CURVED, law),
-        Family("contact speed", "contact speed", rate),
-        Family("compaction", "compaction", (compaction,)),
-    ]
+    compaction = free.splines(6)[:-1]
+    rows: dict[str, list[tuple[str, float, int, Floats]]] = {
+        CURVED: [
+            ("loading", 0.05, LOADING, free.finer_at_zero(8, LOADING)),
+            ("unloading", 0.05, UNLOADING, free.finer_at_zero(8, UNLOADING)),
+        ],
+        "contact speed": [("rate-factor", 0.05, RATE_FACTOR, rates), ("rate-force", 20.0, RATE_FORCE, rates)],
+        "compaction": [("compaction", 0.1, COMPACTION, compaction)],
+        "spring": [("spring", 10.0, SPRING, free.splines(8))],
+        "play": [("spring-from-rest", 10.0, SPRING_FROM_REST, free.splines(12))],
+        "damper": [("damper", 10.0, DAMPER, free.finer_at_zero(9, DAMPER))],
+        "guide": [("guide", 10.0, GUIDE, friction(GUIDE))],
+        "indenter": [("indenter", 10.0, INDENTER, friction(INDENTER))],
+        "waveform": [("waveform", 0.05, WAVEFORM, _waves(range(2, 4 * detail + 6)))],
+        "drive": [("drive", 10.0, DRIVE, free.splines(9))],
+        # of a mount that is one mass on spring and damper: it stiffens, or its clamps are dry
+        MOUNT_LAW: [
+            ("mount-spring", 5.0, MOUNT_SPRING, free.splines(8)),
+            ("mount-damper", 5.0, MOUNT_DAMPER, friction(MOUNT_DAMPER)),
+        ],
+    }
+    *acting, mounting = [Family(name, name, tuple(free.curve(*each) for each in laws)) for name, laws in rows.items()]
+    known_as = {"spring": mechanism_of_law(HARDENING)}
+    acting = [replace(each, known_as=known_as.get(each.name, "")) for each in acting]
+    return [*acting, _droop(frequencies), *_remembering(), *_presliding(), replace(mounting, group="mount")]
 
 
-def _coupling(free: FreeLaws) -> list[Family]:
-    spring = free.curve("spring", 10.0, SPRING, free.splines(8))
-    play = free.curve("spring-from-rest", 10.0, SPRING_FROM_REST, free.splines(12))
-    damper = free.curve("damper", 10.0, DAMPER, free.over_speed(9, DAMPER))
-    return [
-        Family("spring", "spring", (spring,), mechanism_of_law(HARDENING)),
-        Family("play", "play", (play,)),
-        Family("damper", "damper", (damper,)),
-    ]
-
-
-def _friction(free: FreeLaws) -> list[Family]:
-    guide = free.curve("guide", 10.0, GUIDE, free.odd_over_speed(GUIDE))
-    indenter = free.curve("indenter", 10.0, INDENTER, free.odd_over_speed(INDENTER))
-    return [
-        Family("guide", "guide", (guide,)),
-        Family("indenter", "indenter", (indenter,)),
-    ]
-
-
-def _drive(free: FreeLaws, frequencies: Sequence[float]) -> list[Family]:
+def _droop(frequencies: Sequence[float]) -> Family:
     # a parabola, or what fewer frequencies can tell
     distinct = np.unique(np.round(frequencies, 1)).size
     knots = np.linspace(min(frequencies), max(frequencies), max(1, min(3, distinct - 1)))
-    waveform = free.curve("waveform", 0.05, WAVEFORM, _waves(range(2, 4 * free.detail + 6)))
-    limit = free.curve("drive", 10.0, DRIVE, free.splines(9))
-    droop = (
+    gains = (
         Gain("gain", coefficients("gain", knots.size, 0.05), V.F_A, knots),
         Gain("phase", coefficients("phase", knots.size, 0.05), DRIVE_PHASE, knots),
     )
-    return [
-        Family("waveform", "waveform", (waveform,)),
-        Family("drive", "drive", (limit,)),
-        Family("drive gain", "drive gain", droop),
-    ]
+    return Family("drive gain", "drive gain", gains)
 
 
 def _remembering() -> list[Family]:
@@ -559,13 +539,6 @@ class Equivalent(NamedTuple):
     """Of all parameters, constants as stated."""
     more: dict[int, Floats]
     """(GRID,) that tables get, by place."""
-
-
-def _mounting(free: FreeLaws) -> Family:
-    """What a mount that is one mass on spring and damper is corrected by: it stiffens, or its clamps are dry."""
-    spring = free.curve("mount-spring", 5.0, MOUNT_SPRING, free.splines(8))
-    damper = free.curve("mount-damper", 5.0, MOUNT_DAMPER, free.odd_over_speed(MOUNT_DAMPER))
-    return Family(MOUNT_LAW, "mount", (spring, damper))
 
 
 def reparametrise_to_nominal(structure: ModelStructure, values: Floats, places: Collection[int]) -> Equivalent:

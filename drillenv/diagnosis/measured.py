@@ -99,6 +99,8 @@ class Visited(NamedTuple):
     """Over the range of each place's argument."""
     frequencies: tuple[float, float]
     """Hz, the lowest and the highest excitation."""
+    depth: float
+    """m, the median of the contact's coordinate while loading."""
 
 
 def _at(model: Model, axes: Axes, place: int, x: Floats) -> Floats:
@@ -225,8 +227,8 @@ PLAIN: dict[str, tuple[int, str, str, str, Seen | None]] = {
 """By group of laws that are one curve: its place, argument, its unit, that of the law, and what samples say of it."""
 
 
-def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, visited: Visited) -> Shown:
-    """How a family's law, of these ``terms`` now, is shown; ``depth`` is the median loading depth in m."""
+def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visited) -> Shown:
+    """How a family's law, of these ``terms`` now, is shown."""
     axes = fitted.structure.axes
     if family.group in ("spring", "play") and isinstance(terms[0], Curve):
         model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
@@ -236,7 +238,7 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, depth: float, v
     if family.group == "contact law":
         return _contact_law(axes, _ends(visited.axes, LOADING)[1])
     if family.group == "contact speed":
-        return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], depth)
+        return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], visited.depth)
     if family.group == "compaction":
         x = np.linspace(0.0, 120.0, POINTS)
         return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, COMPACTION, x))
@@ -346,12 +348,11 @@ def measured_law(
     fitted: Fitted,
     family: Family,
     terms: Sequence[Term],
-    depth: float,
     visited: Visited,
     nearest: tuple[Term, Floats] | None = None,
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
-    display = shown(family, terms, fitted, depth, visited)
+    display = shown(family, terms, fitted, visited)
     inside = fitted.indices_of(terms)
 
     def curve(own: Floats) -> Floats:
@@ -374,7 +375,7 @@ def measured_law(
 def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floats) -> Floats:
     """What some terms say at the points of a display, with shared parameters in the solver's units."""
     structure, point = fitted.structure, fitted.blocks[0].point
-    split = structure.split(shared * np.array([each.width for each in structure.unknowns]))
+    split = structure.split(shared * structure.widths)
     names = {each.name for each in terms}
 
     def at(frequency: float) -> Model:
@@ -419,7 +420,7 @@ def hum_amplitudes(fitted: Fitted, terms: Sequence[Added], channel: int) -> Floa
         spread[i] = block.noise[channel].std * math.sqrt(2.0 / n)
     if len(terms) == 1:
         stds = np.sqrt(np.diag(fitted.covariance)[fitted.indices_of(terms)])
-        own_spread = first.waves(stds * np.array([each.width for each in first.unknowns]))[:, channel]
+        own_spread = first.waves(stds * first.widths)[:, channel]
         for i, order in enumerate(first.orders):
             spread[:, ORDERS_SHOWN.index(order)] = own_spread[:, 2 * i : 2 * i + 2]
     return np.array([mean_amplitude(waves[:, i], spread[:, i]) for i in range(len(ORDERS_SHOWN))])

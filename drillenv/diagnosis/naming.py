@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, with_windows_freed
+from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, penalty, with_windows_freed
 from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
@@ -27,7 +24,6 @@ TENSE = 2.0
 class Named:
     """A family with the equation that comes nearest to its law."""
 
-    family: Family
     mechanism: str
     equation: Term | None
     """The library's equation that does as well as the free law."""
@@ -39,14 +35,14 @@ class Named:
     alike: tuple[str, ...] = ()
     """Other mechanisms that a law which no equation follows may be as well."""
 
-    @staticmethod
-    def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
-        """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one.
 
-        What it leaves of the law's gain must not stand out of the noise of so many samples.
-        """
-        left = min(LAW_ERROR**2 * gain, 0.5 * NOISE_KNOWN * samples)
-        return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + left
+def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
+    """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one.
+
+    What it leaves of the law's gain must not stand out of the noise of so many samples.
+    """
+    left = min(LAW_ERROR**2 * gain, 0.5 * NOISE_KNOWN * samples)
+    return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + left
 
 
 def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[ModelStructure, Floats]:
@@ -73,7 +69,7 @@ def with_more(structure: ModelStructure, begun: Floats, family: Family) -> tuple
     return replace(structure, terms=tuple(terms)), start
 
 
-def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, pool: Executor) -> Fitted:
+def with_constant_freed(fitted: Fitted, equation: Term) -> Fitted:
     """The fit of an equation with the constant of its place freed, where that is pulled far from what is stated.
 
     A lab that has fitted its constants without the mechanism states what both are together.
@@ -84,39 +80,32 @@ def with_constant_freed(data: Sequence[Any], fitted: Fitted, equation: Term, poo
         if i is None or abs(fitted.values[i] - constants.unknowns[i].value) < TENSE * constants.unknowns[i].std:
             continue
         terms = (constants.freed(name), *fitted.structure.terms[1:])
-        structure = replace(fitted.structure, terms=terms)
-        start, own = fitted.fit.shared, fitted.fit.own
-        return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise)
+        return fitted.refit(replace(fitted.structure, terms=terms))
     return fitted
 
 
-def fit_equation(
-    data: Sequence[Any], fitted: Fitted, structure: ModelStructure, start: Floats, gain: float, pool: Executor
-) -> Fitted:
+def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain: float) -> Fitted:
     """The fit of a structure that has an equation in the place of a law; to its end where it explains anything.
 
     Where the model is far off with any law, a short fit tells equations apart, and the one that is chosen goes on.
     """
-    own, noise = fitted.fit.own, fitted.noise
-    found = fit_to(data, structure, start, own, pool, fitted.weight, SHORT, noise, states_first=True)
+    found = fitted.refit(structure, start, SHORT, states_first=True)
     if found.cost - fitted.cost > gain and fitted.weight == JOINED:
         # no law at all does better, so this is no minimum
-        again = with_windows_freed(data, structure, start, own, pool, noise, states_first=True)
+        again = with_windows_freed(fitted, structure, start, states_first=True)
         if again.weight == JOINED and again.cost < found.cost:
             found = again
     if found.cost - fitted.cost > gain or fitted.per_freedom > CLOSE:
         return found
-    return fit_to(data, structure, found.fit.shared, found.fit.own, pool, fitted.weight, CONVERGED, noise)
+    return found.refit()
 
 
-def name_law(
-    data: Sequence[Any], fitted: Fitted, family: Family, gain: float, pool: Executor, say=lambda _: None
-) -> tuple[Named, Fitted]:
+def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) -> tuple[Named, Fitted]:
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
     if family.textbook:
         own = family.terms[0]
-        return Named(family, family.mechanism, own, [], (own, fitted.values_of(own.name))), fitted
-    tried: list[tuple[Term, Fitted]] = []
+        return Named(family.mechanism, own, [], (own, fitted.values_of(own.name))), fitted
+    tried: list[tuple[bool, Term, Fitted]] = []
     rest, kept = without(fitted, family.terms)
     rest = on_axes(rest, wider(rest.axes))
     done = False
@@ -126,37 +115,31 @@ def name_law(
         least, stateful = MOST * gain if done else gain, equation.has_states and not family.has_states
         if (tried and worse > least) or (done and stateful):
             continue
+        fewer = family.size - len(equation.unknowns)
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, kept[constants.size :], values])
-            other = fit_equation(data, fitted, structure, start, gain, pool)
-            fewer = family.size - len(equation.unknowns)
-            as_well = Named.does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
+            other = fit_equation(fitted, structure, start, gain)
+            as_well = does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
             if not as_well and other.cost - fitted.cost < MOST * gain:
-                other = with_constant_freed(data, other, equation, pool)
+                other = with_constant_freed(other, equation)
+                as_well = does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
-            tried.append((equation, other))
-            done = done or Named.does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
+            tried.append((as_well, equation, other))
+            done = done or as_well
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
-
-    def rank(pair: tuple[Term, Fitted]) -> tuple[bool, float]:
-        # of those that do as well the one with fewer parameters, by the criterion of Schwarz
-        equation, other = pair
-        size = len(equation.unknowns)
-        as_well = Named.does_as_well(other.cost - fitted.cost, gain, family.size - size, fitted.samples)
-        return not as_well, other.cost + 0.5 * size * math.log(fitted.samples)
-
-    tried.sort(key=rank)
-    nearest = [(equation, other.cost - fitted.cost) for equation, other in tried]
     if not tried:
-        return Named(family, family.mechanism, None, []), fitted
-    best, found = tried[0]
-    if Named.does_as_well(found.cost - fitted.cost, gain, family.size - len(best.unknowns), fitted.samples):
-        return Named(family, best.effect, best, nearest, (best, found.values_of(best.name))), found
-    measured = Named(family, family.mechanism, None, nearest, (best, found.values_of(best.name)))
-    return named_by_law(measured, fitted, family, gain), fitted
+        return Named(family.mechanism, None, []), fitted
+    # of those that do as well the one with fewer parameters, by the criterion of Schwarz
+    tried.sort(key=lambda each: (not each[0], each[2].cost + penalty(len(each[1].unknowns), fitted)))
+    nearest = [(equation, other.cost - fitted.cost) for _, equation, other in tried]
+    as_well, best, found = tried[0]
+    near = best, found.values_of(best.name)
+    if as_well:
+        return Named(best.effect, best, nearest, near), found
+    return named_by_law(Named(family.mechanism, None, nearest, near), fitted, family, gain), fitted
 
 
 def named_by_law(named: Named, fitted: Fitted, family: Family, gain: float) -> Named:

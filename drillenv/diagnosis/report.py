@@ -15,11 +15,11 @@ from drillenv.compiling import helped
 from drillenv.corrected import model_record
 from drillenv.diagnosis.body_diagnosis import diagnose_body
 from drillenv.diagnosis.condition import without_unusable
-from drillenv.diagnosis.findings import corrected, record_of, stated, waves
+from drillenv.diagnosis.drill_diagnosis import CORES, diagnose_drill, nominal_rig
+from drillenv.diagnosis.drill_report import corrected, record_of, stated, waves
 from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.provenance import provenance
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
-from drillenv.diagnosis.verdict import CORES, diagnose_drill, nominal_rig
 from drillenv.dynamics.hybrid.shooting import COMPILE_DERIVATIVES
 from drillenv.files import whole
 from drillenv.recordings import Campaign, check_quality, read_campaign

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from drillenv.diagnosis.fitting import CONVERGED, SHORT, Fitted, fit_to, penalty
+from drillenv.diagnosis.fitting import SHORT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equivalent, Family, Gain, coefficients, moved_to, on_axes
 from drillenv.diagnosis.score_tests import most_promising
 from drillenv.diagnosis.solver import Floats
@@ -24,28 +22,28 @@ PLACES_TRIED = 40
 """On the axis of a law, where its corner may be."""
 
 
-def refined(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+def refined(fitted: Fitted, family: Family) -> Fitted:
     """The same family over what motions visit now, of a higher resolution as long as that is seen."""
     if not any(isinstance(each, Curve | Gain) for each in family.terms):
         return fitted
     rig, axes, coarser = fitted.structure.rig, fitted.structure.axes, family.size - 1
-    fitted = with_corners(data, fitted, family, pool)
+    fitted = with_corners(fitted, family)
     for detail in (1, *DETAILS):
         size = next(each.size for each in rig.laws(fitted, axes, detail) if each.name == family.name)
         if size <= coarser:
             # the law is as fine already
             continue
         coarser = size
-        finer = with_detail(data, fitted, family, detail, pool)
+        finer = with_detail(fitted, family, detail)
         more = finer.fit.shared.size - fitted.fit.shared.size
         if finer.cost < fitted.cost - penalty(more, fitted):
-            fitted = with_corners(data, finer, family, pool)
+            fitted = with_corners(finer, family)
         elif more > 0:
             break
-    return smoothed(data, fitted, family, pool)
+    return smoothed(fitted, family)
 
 
-def with_corners(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+def with_corners(fitted: Fitted, family: Family) -> Fitted:
     """The same with corners in the family's laws where they are seen, each where its score test gains most.
 
     A law that is smooth but for a corner would else need as fine a resolution everywhere as there. A corner has to gain
@@ -56,22 +54,22 @@ def with_corners(data: Sequence[Any], fitted: Fitted, family: Family, pool: Exec
         curves = [each for each in fitted.structure.terms if isinstance(each, Curve) and each.name in names]
         places = np.linspace(0.0, GRID - 1.0, PLACES_TRIED + 2)[1:-1]
         tried = [(each, at) for each in curves for at in places]
-        found = best_corner(fitted, tried, pool)
+        found = best_corner(fitted, tried)
         if found is None:
             return fitted
         curve, at = tried[found]
         tried = [(curve, each) for each in at + (places[1] - places[0]) * np.linspace(-1.0, 1.0, PLACES_TRIED)]
-        found = best_corner(fitted, tried, pool)
+        found = best_corner(fitted, tried)
         if found is None:
             return fitted
-        other = with_corner(data, fitted, *tried[found], pool)
+        other = with_corner(fitted, *tried[found])
         if other.cost > fitted.cost - penalty(2, fitted):
             return fitted
         fitted = other
     return fitted
 
 
-def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]], pool: Executor) -> int | None:
+def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]]) -> int | None:
     """Of corners of curves at positions on their axes the one that promises most; None where none is seen."""
     terms, kept = [], []
     for i, (curve, at) in enumerate(tried):
@@ -82,7 +80,7 @@ def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]], pool: Exec
             kept.append(i)
     if not terms:
         return None
-    best, gain = most_promising(fitted, terms, pool)
+    best, gain = most_promising(fitted, terms)
     return kept[best] if gain > penalty(2, fitted) else None
 
 
@@ -92,19 +90,17 @@ def corner_at(fitted: Fitted, curve: Curve, at: float) -> Floats:
     return curve.corner(x, float(np.interp(at, np.arange(GRID), x)))
 
 
-def with_corner(data: Sequence[Any], fitted: Fitted, curve: Curve, at: float, pool: Executor) -> Fitted:
+def with_corner(fitted: Fitted, curve: Curve, at: float) -> Fitted:
     """The fit with a corner of a curve at a position on its axis."""
     terms, start = [], []
     for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.fit.shared), strict=True):
         with_it = term.name == curve.name
         terms.append(curve.with_corner(corner_at(fitted, curve, at)) if with_it else term)
         start.append(np.append(own, 0.0) if with_it else own)
-    structure = replace(fitted.structure, terms=tuple(terms))
-    start, own = np.concatenate(start), fitted.fit.own
-    return fit_to(data, structure, start, own, pool, fitted.weight, SHORT, fitted.noise)
+    return fitted.refit(replace(fitted.structure, terms=tuple(terms)), np.concatenate(start), SHORT)
 
 
-def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor) -> Fitted:
+def smoothed(fitted: Fitted, family: Family) -> Fitted:
     """The same with laws that are as smooth as makes their coefficients most likely.
 
     The roughness penalty of P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121, as a prior, whose
@@ -123,9 +119,7 @@ def smoothed(data: Sequence[Any], fitted: Fitted, family: Family, pool: Executor
             as_smooth = tuple(each._replace(std=each.width * std) for each, std in unknowns)
             term = replace(term, unknowns=as_smooth + term.unknowns[len(as_smooth) :])
         terms.append(term)
-    structure = replace(fitted.structure, terms=tuple(terms))
-    start, own = fitted.fit.shared, fitted.fit.own
-    return fit_to(data, structure, start, own, pool, fitted.weight, CONVERGED, fitted.noise)
+    return fitted.refit(replace(fitted.structure, terms=tuple(terms)))
 
 
 def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> Floats:
@@ -144,34 +138,28 @@ def most_likely_prior(found: Floats, covariance: Floats, roughness: Floats) -> F
     return shape * min(size * np.geomspace(1e-4, 1e2, 61), key=surprise)
 
 
-def with_detail(data: Sequence[Any], fitted: Fitted, family: Family, detail: int, pool: Executor) -> Fitted:
+def with_detail(fitted: Fitted, family: Family, detail: int) -> Fitted:
     """The same family over what motions visit now, of so many times the resolution.
 
     From constants as stated, what is straight in them being the law's, or where that does not lead back to as good a
     fit, from constants as they are.
     """
     rig = fitted.structure.rig
-    known = on_axes(fitted.structure, rig.axes_at(fitted, pool))
+    known = on_axes(fitted.structure, rig.axes_at(fitted))
     places = [each.place for each in family.terms if isinstance(each, Curve)]
-    found = _on_finer(
-        data, fitted, known, rig.reparametrise_to_nominal(known, fitted.values, places), family, detail, pool
-    )
+    found = _on_finer(fitted, known, rig.reparametrise_to_nominal(known, fitted.values, places), family, detail)
     if found.cost > fitted.cost:
         as_they_are = Equivalent(known.axes, fitted.values, {})
-        found = min(
-            found, _on_finer(data, fitted, known, as_they_are, family, detail, pool), key=lambda each: each.cost
-        )
+        found = min(found, _on_finer(fitted, known, as_they_are, family, detail), key=lambda each: each.cost)
     return found
 
 
 def _on_finer(
-    data: Sequence[Any],
     fitted: Fitted,
     known: ModelStructure,
     same: Equivalent,
     family: Family,
     detail: int,
-    pool: Executor,
 ) -> Fitted:
     """The fit of a family's law at a resolution, from parameters that are the ``same`` motion as a fit's."""
     finer = next(each for each in known.rig.laws(fitted, same.axes, detail) if each.name == family.name)
@@ -183,6 +171,6 @@ def _on_finer(
                 other = other.with_corner(corner)
         more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
         terms.append(other)
-        start.append(moved_to(term, other, own, more) / np.array([each.width for each in other.unknowns]))
+        start.append(moved_to(term, other, own, more) / other.widths)
     structure, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
-    return fit_to(data, structure, begun, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise, True)
+    return fitted.refit(structure, begun, states_first=True)

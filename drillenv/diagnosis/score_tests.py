@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -99,7 +98,7 @@ class ScoreTests(NamedTuple):
     """The p-value that the smallest must not exceed."""
 
 
-def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants: Sequence[int] = ()) -> Information:
+def information(fitted: Fitted, terms: Sequence[Term], constants: Sequence[int] = ()) -> Information:
     """By the parameters of more terms, at their start, all recordings' own unknowns eliminated.
 
     Behind these come constants of the paper's model once more, of which then nothing is believed.
@@ -113,7 +112,7 @@ def information(fitted: Fitted, terms: Sequence[Term], pool: Executor, constants
         widened, begun = block.under(structure, own)
         return eliminated(widened.quadratic(shared, begun), 0.0)[:2]
 
-    reduced = list(pool.map(quadratic, fitted.blocks, fitted.fit.own))
+    reduced = fitted.each(quadratic)
     weights = fitted.priors.weights
     more = np.array([(each.width / each.std) ** 2 for each in unknowns[known:]] + [0.0] * len(constants))
     each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
@@ -130,7 +129,7 @@ RARE = 0.05
 """Above this, p-values of the bootstrap are taken for 1."""
 
 
-def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: int = 0) -> ScoreTests:
+def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
     """Every family's score test.
 
     The p-value that the smallest must not exceed is drawn by a parametric bootstrap of the smallest p-value of all
@@ -140,10 +139,10 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     together = sorted((each for each in tried if not each.has_states), key=lambda each: bool(each.constant))
     batches = ([together] if together else []) + [[each] for each in tried if each.has_states]
     scores, smallest = [], np.ones(20000)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     for batch in batches:
         terms = [term for each in batch for term in each.terms]
-        known = information(fitted, terms, pool, [names.index(each.constant) for each in batch if each.constant])
+        known = information(fitted, terms, [names.index(each.constant) for each in batch if each.constant])
         gradient, hessian = known.reduced()
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         gradient, hessian = gradient / scale, hessian / scale[:, None] / scale
@@ -172,9 +171,9 @@ def score_tests(fitted: Fitted, tried: Sequence[Family], pool: Executor, seed: i
     return ScoreTests(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 
-def most_promising(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> tuple[int, float]:
+def most_promising(fitted: Fitted, terms: Sequence[Term]) -> tuple[int, float]:
     """Which of some terms has the largest score test's gain, each on its own, and that gain."""
-    gradient, hessian = information(fitted, terms, pool).reduced()
+    gradient, hessian = information(fitted, terms).reduced()
     gains, first = [], 0
     for term in terms:
         at = slice(first, first + len(term.unknowns))
@@ -182,8 +181,3 @@ def most_promising(fitted: Fitted, terms: Sequence[Term], pool: Executor) -> tup
         gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
     best = int(np.argmax(gains))
     return best, gains[best]
-
-
-def best_frequency(fitted: Fitted, tried: Floats, term: Callable[[float], Term], pool: Executor) -> int:
-    """Of frequencies (n,) that at which a term of its own has the largest score test's gain; ``term`` makes it."""
-    return most_promising(fitted, [term(float(each)) for each in tried], pool)[0]

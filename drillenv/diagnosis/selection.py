@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, fit_to, joined, penalty, with_windows_freed
+from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, joined, penalty, with_windows_freed
 from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
-from drillenv.diagnosis.naming import Named, name_law, named_by_law, with_more, without
+from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
 from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
 from drillenv.diagnosis.solver import Limits
@@ -64,18 +62,16 @@ class Step:
         return self.gain * fitted.samples / self.before.samples
 
 
-def with_family(
-    fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits, strength: float = 0.0
-) -> Fitted:
+def with_family(fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0) -> Fitted:
     """The fit with one more family, from its start, or from there with more of its first parameter, its strength."""
     structure, start = with_more(fitted.structure, fitted.fit.shared, family)
     stronger = strength != 0.0
     if stronger:
         start[-family.size] += strength / family.unknowns[0].width
-    return fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, limits, fitted.noise, stronger)
+    return fitted.refit(structure, start, limits, states_first=stronger)
 
 
-def from_strengths(fitted: Fitted, family: Family, data: Sequence[Any], pool: Executor, limits: Limits) -> Fitted:
+def from_strengths(fitted: Fitted, family: Family, limits: Limits) -> Fitted:
     """The fit with one more family that has states, from none of it and from a standard deviation of its strength.
 
     With none of it, its frequency or time constant changes nothing (R. B. Davies, Biometrika 74 (1987) 33-43), and
@@ -83,9 +79,7 @@ def from_strengths(fitted: Fitted, family: Family, data: Sequence[Any], pool: Ex
     """
     std = family.unknowns[0].std
     strengths = (0.0, std) if math.isfinite(std) else (0.0,)
-    return min(
-        (with_family(fitted, family, data, pool, limits, each) for each in strengths), key=lambda each: each.cost
-    )
+    return min((with_family(fitted, family, limits, each) for each in strengths), key=lambda each: each.cost)
 
 
 def candidates(fitted: Fitted) -> list[Family]:
@@ -101,9 +95,7 @@ Keep = Callable[[Fitted, list["Step"], ScoreTests], object]
 
 
 def forward(
-    data: Sequence[Any],
     fitted: Fitted,
-    pool: Executor,
     say: Say = lambda _: None,
     before: Sequence[Step] = (),
     earlier: ScoreTests | None = None,
@@ -122,14 +114,14 @@ def forward(
     left_out: set[str] = set()
     while True:
         # a model that has come close is to hold from window to window
-        fitted = joined(data, fitted, pool, CONVERGED, fitted.noise)
+        fitted = joined(fitted)
         for i, step in enumerate(steps):
             if step.pending and fitted.per_freedom < CLOSE:
-                steps[i] = identify_equation(data, fitted, step, pool, say)
+                steps[i] = identify_equation(fitted, step, say)
                 fitted = steps[i].after
         named = {step.family.group for step in steps if step.named.equation is not None}
-        tried = [each for each in still_possible(fitted, steps, possible, pool, only) if each.name not in left_out]
-        scores, level = score_tests(fitted, tried, pool)
+        tried = [each for each in still_possible(fitted, steps, possible, only) if each.name not in left_out]
+        scores, level = score_tests(fitted, tried)
         level = level if earlier is None else min(level, earlier.level)
         # a search may be interrupted further on
         keep(fitted, copied(steps), ScoreTests(scores, level))
@@ -138,17 +130,17 @@ def forward(
         chosen = shortlist(scores, level, needed, fitted)
         step = None
         if chosen and sum(not each.family.constant for each in steps) < MOST:
-            step = best_step(data, fitted, chosen, level, pool, say, named)
+            step = best_step(fitted, chosen, level, say, named)
         if step is not None:
             add_step(steps, step)
             fitted = step.after
             continue
-        other = with_laws_changed(data, fitted, steps, pool, say, earlier is None)
+        other = with_laws_changed(fitted, steps, say, earlier is None)
         if other is not None:
             fitted = other
             continue
         least = misfit_allowance(fitted, steps, scores, dismissed)
-        fitted, kept = backward(data, fitted, steps, least, level, pool, say, found_here=earlier is None)
+        fitted, kept = backward(fitted, steps, least, level, say, found_here=earlier is None)
         if len(kept) == len(steps):
             return fitted, steps, ScoreTests(scores, level)
         # what is left out may have taken up a part of another family, beside all that was tested so far
@@ -179,21 +171,19 @@ def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
     )
 
 
-def with_laws_changed(
-    data: Sequence[Any], fitted: Fitted, steps: list[Step], pool: Executor, say: Say, found_here: bool
-) -> Fitted | None:
+def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: bool) -> Fitted | None:
     """The fit with a law that was found drawn finer, in an equation's words, or exchanged for a rival's; or None.
 
     Rivals were fitted to the same samples only where the steps were ``found_here``.
     """
-    finer = with_finer_law(data, fitted, steps, pool, say)
+    finer = with_finer_law(fitted, steps, say)
     if finer is not None:
         return finer
-    other = with_equations(data, fitted, steps, pool, say)
-    return exchanged(data, fitted, steps, pool, say) if other is None and found_here else other
+    other = with_equations(fitted, steps, say)
+    return exchanged(fitted, steps, say) if other is None and found_here else other
 
 
-def with_equations(data: Sequence[Any], fitted: Fitted, steps: list[Step], pool: Executor, say: Say) -> Fitted | None:
+def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     """The fit with an equation in the place of a measured law, now that what was missing beside it is there; or None.
 
     Equations are not as supple as free laws: beside another mechanism that is missing even the true one does worse.
@@ -205,7 +195,7 @@ def with_equations(data: Sequence[Any], fitted: Fitted, steps: list[Step], pool:
             continue
         step.beside = len(steps)
         as_it_is = tuple(each for each in fitted.structure.terms if each.name in names)
-        named, other = name_law(data, fitted, replace(step.family, terms=as_it_is), step.gain, pool, say)
+        named, other = name_law(fitted, replace(step.family, terms=as_it_is), step.gain, say)
         if named.equation is not None:
             say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.per_freedom:.4f}")
             steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
@@ -217,7 +207,6 @@ def still_possible(
     fitted: Fitted,
     steps: Sequence[Step],
     possible: Collection[str] | None,
-    pool: Executor,
     only: Collection[str] | None = None,
 ) -> list[Family]:
     """Families that are not there yet, of these names and of ``only`` these groups where any are given."""
@@ -232,14 +221,12 @@ def still_possible(
         if only is None or each.group in only
     ]
     if only is None and fitted.per_freedom > 1.0 + LEFT:
-        found += fitted.structure.rig.at_own_frequency(fitted, there, pool)
+        found += fitted.structure.rig.at_own_frequency(fitted, there)
     scope, rig = fitted.structure.scope, fitted.structure.rig
     return found if scope is None else [each for each in found if scope.has(each, rig.mechanisms_of(each))]
 
 
-def with_finer_law(
-    data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say
-) -> Fitted | None:
+def with_finer_law(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
     """The fit with a finer law where none is called for but the model is not close: corners leave much, coarsely drawn.
 
     The law that explains most comes first; None where none gets finer and explains a part of what is left by that.
@@ -251,7 +238,7 @@ def with_finer_law(
         curved = any(isinstance(each, Curve | Gain) for each in step.terms)
         if curved and step.named.equation is None and step.detail < DETAILS[-1] and step.terms == step.family.terms:
             step.detail *= 2
-            finer = with_detail(data, fitted, step.family, step.detail, pool)
+            finer = with_detail(fitted, step.family, step.detail)
             more = penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted)
             if finer.cost < fitted.cost - max(more, left):
                 say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
@@ -262,7 +249,7 @@ def with_finer_law(
     return None
 
 
-def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: Executor, say: Say) -> Fitted | None:
+def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
     """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
 
     What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
@@ -278,14 +265,14 @@ def exchanged(data: Sequence[Any], fitted: Fitted, steps: Sequence[Step], pool: 
             if any(each.family.group == family.group for each in steps):
                 continue
             structure, start = with_more(rest, begun, family)
-            other = fit_to(data, structure, start, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise)
-            finer = refined(data, other, family, pool)
+            other = fitted.refit(structure, start)
+            finer = refined(other, family)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
             if finer.cost > fitted.cost and criterion(finer, fitted) > criterion(fitted, fitted):
                 continue
             fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
             base = replace(fitted, structure=rest, fit=fit)
-            found = accept(data, base, family, other, family.size, pool, say, False)
+            found = accept(base, family, other, family.size, say, False)
             # an equation that it follows has fewer parameters than its free law
             if criterion(found.after, fitted) < criterion(fitted, fitted):
                 step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
@@ -372,11 +359,9 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
 
 
 def best_step(
-    data: Sequence[Any],
     fitted: Fitted,
     chosen: Sequence[Score],
     level: float,
-    pool: Executor,
     say: Say,
     named: Collection[str] = (),
 ) -> Step | None:
@@ -385,12 +370,12 @@ def best_step(
     One of the groups ``named`` corrects an equation and follows none itself.
     """
     resonant = [each for each in chosen if each.family.has_states]
-    fits = refine_candidates(data, fitted, [each for each in chosen if not each.family.has_states], pool, say)
+    fits = refine_candidates(fitted, [each for each in chosen if not each.family.has_states], say)
     if fits and explains_all(fits[0][1], fitted):
         # in a model that is nearly right, one that promises as much is its equal
         resonant = [each for each in resonant if each.gain >= NEAR * chosen[0].gain]
     if resonant:
-        found = refine_candidates(data, fitted, resonant, pool, say, fits[0][1].cost if fits else None)
+        found = refine_candidates(fitted, resonant, say, fits[0][1].cost if fits else None)
         fits += [(each, other) for each, other in found if strength_shows(each.family, other)]
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     if not fits:
@@ -398,7 +383,7 @@ def best_step(
     best, found = fits[0]
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
-    step = accept(data, fitted, best.family, found, best.size, pool, say, best.family.group in named)
+    step = accept(fitted, best.family, found, best.size, say, best.family.group in named)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
 
@@ -425,10 +410,8 @@ def explains_all(other: Fitted, fitted: Fitted) -> bool:
 
 
 def refine_candidates(
-    data: Sequence[Any],
     fitted: Fitted,
     chosen: Sequence[Score],
-    pool: Executor,
     say: Say,
     best: float | None = None,
 ) -> list[tuple[Score, Fitted]]:
@@ -438,7 +421,7 @@ def refine_candidates(
     most_is_left = fitted.per_freedom > CLOSE and (best is None or best > half)
     for each in chosen:
         begun = from_strengths if each.family.has_states and most_is_left else with_family
-        fits.append((each, begun(fitted, each.family, data, pool, SHORT)))
+        fits.append((each, begun(fitted, each.family, SHORT)))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:
         return fits
@@ -446,7 +429,7 @@ def refine_candidates(
     short = fitted.cost - found.cost < PROMISED * first.gain
     if fitted.weight == JOINED and not first.family.has_states and short:
         structure, start = with_more(fitted.structure, fitted.fit.shared, first.family)
-        again = with_windows_freed(data, structure, start, fitted.fit.own, pool, fitted.noise)
+        again = with_windows_freed(fitted, structure, start)
         if again.weight == JOINED and again.cost < found.cost:
             say(f"  {first.family.name}, windows free at first: gain {fitted.cost - again.cost:.1f}")
             fits[0] = first, again
@@ -456,8 +439,7 @@ def refine_candidates(
         near = LAW_LEFT if rank > 0 and explains_all(fits[0][1], fitted) else 0.5
         if best is not None and other.cost > best + near * (fitted.cost - best):
             break
-        start = other.fit.shared
-        again = fit_to(data, other.structure, start, other.fit.own, pool, other.weight, CONVERGED, fitted.noise)
+        again = other.refit()
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
         best = again.cost if best is None else min(best, again.cost)
@@ -466,12 +448,10 @@ def refine_candidates(
 
 
 def accept(
-    data: Sequence[Any],
     fitted: Fitted,
     family: Family,
     found: Fitted,
     freedom: int,
-    pool: Executor,
     say: Say,
     correction: bool,
 ) -> Step:
@@ -480,72 +460,68 @@ def accept(
     Where none does, and something else is missing as well, they are tried again once the model is close.
     """
     loose = found.weight
-    found = joined(data, found, pool, CONVERGED, fitted.noise)
+    found = joined(found)
     if found.weight < loose:
         say(f"  joined: chi-square {found.per_freedom:.4f}")
-    named = Named(family, family.mechanism, None, [])
+    named = Named(family.mechanism, None, [])
     gain = max(fitted.cost - found.cost, 1.0)
     pending = not (correction or family.constant)
     step = Step(family, gain, freedom, fitted, found, named, family.terms, [], pending=pending)
-    return identify_equation(data, found, step, pool, say)
+    return identify_equation(found, step, say)
 
 
-def identify_equation(data: Sequence[Any], fitted: Fitted, step: Step, pool: Executor, say: Say) -> Step:
+def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for."""
     family, gain, found = step.family, step.gain, fitted
     if step.pending:
-        named, other = name_law(data, found, family, gain, pool, say)
+        named, other = name_law(found, family, gain, say)
     else:
         named, other = step.named, found
     if named.equation is None and found.per_freedom > CLOSE:
         return replace(step, named=named, after=found)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if family.terms and (named.equation is None or other.cost > found.cost):
-        finer = refined(data, found, family, pool)
+        finer = refined(found, family)
         fewer = finer.fit.shared.size - other.fit.shared.size
-        if named.equation is None or not named.does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
+        if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
             terms = tuple(each for each in finer.structure.terms if each.name in {one.name for one in family.terms})
             measured, other = replace(named, equation=None), finer
             named = named_by_law(measured, finer, replace(family, terms=terms), gain)
     if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
-        both, joint = corrected_equation(data, named, other, family, pool)
+        both, joint = corrected_equation(named, other, family)
         # priors that make a law smooth are a part of its cost, and none of what a correction gains
         if both.cost < min(other.cost, found.cost) - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
             say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
             named.equation, other, terms = None, both, joint
     close = other.per_freedom < CLOSE
-    noise = other.structure.rig.noise_left(other, pool) if close else other.noise
-    structure = on_axes(other.structure, other.structure.rig.axes_at(other, pool))
+    noise = other.structure.rig.noise_left(other) if close else other.noise
+    structure = on_axes(other.structure, other.structure.rig.axes_at(other))
     # what else is missing moves a far model's minimum, so that to follow it to its end is in vain
     limits = CONVERGED if close else SHORT
-    other = fit_to(data, structure, other.fit.shared, other.fit.own, pool, other.weight, limits, noise)
+    other = other.refit(structure, limits=limits, noise=noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
     return replace(step, after=other, named=named, terms=terms, pending=False)
 
 
-def corrected_equation(
-    data: Sequence[Any], named: Named, other: Fitted, family: Family, pool: Executor
-) -> tuple[Fitted, tuple[Term, ...]]:
+def corrected_equation(named: Named, other: Fitted, family: Family) -> tuple[Fitted, tuple[Term, ...]]:
     """The nearest equation with a free law of the same family on top, which sharp corners leave less to do for."""
     assert named.nearest_fit is not None
     equation, start = named.nearest_fit
     rest, begun = without(other, family.terms)
-    scaled = start / np.array([each.width for each in equation.unknowns])
+    scaled = start / equation.widths
     zeros = np.array([each.value / each.width for each in family.unknowns])
     structure = replace(rest, terms=(*rest.terms, equation, *family.terms))
     begun = np.concatenate([begun, scaled, zeros])
-    both = fit_to(data, structure, begun, other.fit.own, pool, other.weight, CONVERGED, other.noise)
+    both = other.refit(structure, begun)
     return both, (equation, *family.terms)
 
 
 def backward(
-    data: Sequence[Any],
     fitted: Fitted,
     steps: list[Step],
     least: float,
     level: float,
-    pool: Executor,
     say: Say,
     found_here: bool,
 ) -> tuple[Fitted, list[Step]]:
@@ -558,7 +534,7 @@ def backward(
         if found_here and len(kept) < 2:
             break
         rest, begun = without(fitted, step.terms, step.family.constant)
-        other = fit_to(data, rest, begun, fitted.fit.own, pool, fitted.weight, CONVERGED, fitted.noise)
+        other = fitted.refit(rest, begun)
         by_chance = 0.5 * chi2.isf(level, step.freedom)
         needed = max(by_chance, least, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
         if other.cost - fitted.cost < needed:

@@ -76,17 +76,6 @@ class Sensor(Term):
         true[[0, 1], [0, 1], middle] = 1.0
         return middle, self.observe(values, true, OperatingPoint("", 80.0, 0.45, 1.0, rate, False))
 
-    def reach(self, values: Floats, rate: float) -> tuple[int, int]:
-        """Samples by which it looks ahead, and that it remembers: beyond, a response is below 1e-3 of its largest."""
-        middle, read = self.pulses(values, rate)
-        above = np.abs(read) > 1e-3 * np.abs(read).max(axis=-1, keepdims=True)
-        at = np.flatnonzero(np.any(above, axis=(0, 1)))
-        return max(0, middle - int(at.min())), max(0, int(at.max()) - middle)
-
-    def tail(self, values: Floats, rate: float) -> int:
-        """Samples that it remembers."""
-        return self.reach(values, rate)[1]
-
 
 def response(term: Sensor, values: Floats, frequency: Floats, true: int = ACCELERATION, read: int = ACCELERATION,
              rate: float = 102400.0, seconds: float = 0.1) -> np.ndarray:  # fmt: skip

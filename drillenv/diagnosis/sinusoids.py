@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drillenv.diagnosis.engine import Column
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import Model, OperatingPoint, Term, Unknown, WaveColumn, mean_amplitude
+from drillenv.diagnosis.terms import Model, OperatingPoint, Term, Unknown, mean_amplitude
 from drillenv.dynamics.hybrid.sensitivity import ON_INDENTER, ON_SHAKER, ON_STIFFNESS
 
 TWO_PI = 2.0 * math.pi
@@ -67,7 +68,7 @@ class Sinusoid(Term):
                 i = channel.index
                 model.turn[i], model.sine[i], model.cosine[i] = TWO_PI * values[0], sine, cosine
 
-    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[WaveColumn]:
+    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[tuple[Column, dict[int, float]]]:
         """Sine and cosine, and the same times time, by which it changes with its parameters."""
         if point.name not in self.recordings:
             return []
@@ -75,10 +76,10 @@ class Sinusoid(Term):
         first = 1 + 2 * len(self.channels) * self.recordings.index(point.name)
         for i, (channel, (sine, cosine)) in enumerate(zip(self.channels, self.amplitudes(values, point), strict=True)):
             for code in (0, 1):
-                found.append(WaveColumn(channel.kind, turn, code, {first + 2 * i + code: 1.0}))
+                found.append((Column(channel.kind, code, turn), {first + 2 * i + code: 1.0}))
             for code, size in ((2, -cosine), (3, sine)):
                 if size:
-                    found.append(WaveColumn(channel.kind, turn, code, {0: TWO_PI * size}))
+                    found.append((Column(channel.kind, code, turn), {0: TWO_PI * size}))
         return found
 
     def of_recording(self, name: str, values: Floats) -> tuple[Sinusoid, Floats]:

@@ -13,11 +13,14 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+if TYPE_CHECKING:
+    from drillenv.diagnosis.adapter import RecordingProblem
 
 Floats = NDArray[np.float64]
 GAIN_RATIO = 0.25
@@ -46,22 +49,6 @@ class Quadratic(NamedTuple):
     scale: Floats
     """(m,) curvature by which the own unknowns are damped: that of the data alone. Damping by the continuity
     constraints, which are stiff, would hold back all windows where they have to move together."""
-
-
-class Block(Protocol):
-    """What the solver asks of a recording."""
-
-    def cost(self, shared: Floats, own: Floats) -> float:
-        """Negative log-likelihood; infinite where there is none."""
-        ...
-
-    def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
-        """The same, with derivatives."""
-        ...
-
-    def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
-        """Cost and own unknowns after their step, which the block may shorten; ``before`` is the cost before it."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -151,7 +138,7 @@ def eliminated(part: Quadratic, damping: float) -> tuple[Floats, Floats, Floats,
 
 
 def minimise(
-    blocks: Sequence[Block],
+    blocks: Sequence[RecordingProblem],
     shared: Floats,
     own: Sequence[Floats],
     priors: Priors,
@@ -231,11 +218,11 @@ class _Damping:
         return False
 
 
-def _quadratics(blocks: Sequence[Block], shared: Floats, own: Sequence[Floats], each: Callable) -> list[Quadratic]:
+def _quadratics(blocks: Sequence[RecordingProblem], shared: Floats, own, each: Callable) -> list[Quadratic]:
     return list(each(lambda block, x: block.quadratic(shared, x), blocks, own))
 
 
-def _advanced(blocks: Sequence[Block], point: Floats, own, moves, costs, each: Callable) -> list[tuple[float, Floats]]:
+def _advanced(blocks, point: Floats, own, moves, costs, each: Callable) -> list[tuple[float, Floats]]:
     return list(each(lambda block, *given: block.try_step(point, *given), blocks, own, moves, costs))
 
 

@@ -17,6 +17,7 @@ from drillenv.dynamics.hybrid.vector_field import F_B, KL, KU, LONGEST, K
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.adapter import Adapter
+    from drillenv.diagnosis.engine import Column
     from drillenv.diagnosis.scope import Scope
 
 RUNNING = 1.3
@@ -102,18 +103,6 @@ class Model:
         return bool(np.any(self.free[place])) or any(place in acts_at(e.effect, e.form)[0] for e in self.laws)
 
 
-class WaveColumn(NamedTuple):
-    """A column for a wave, and how parameters of its term change it."""
-
-    kind: int
-    turn: float
-    """rad/s."""
-    code: int
-    """0 sine, 1 cosine, 2 and 3 the same times the time."""
-    by: dict[int, float]
-    """Factor by place of the parameter in its term."""
-
-
 class Unknown(NamedTuple):
     """A shared parameter."""
 
@@ -150,11 +139,16 @@ class Term:
     common = 1
     """How many of the parameters that :meth:`of_recording` returns all recordings have in common, the first ones."""
 
+    @property
+    def widths(self) -> Floats:
+        """Units of the parameters in the solver."""
+        return np.array([each.width for each in self.unknowns])
+
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add to the model of a recording."""
 
-    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[WaveColumn]:
-        """By what waves of the model change with the parameters."""
+    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[tuple[Column, dict[int, float]]]:
+        """By what waves of the model change, and by which factor with each parameter of the term, by its place."""
         return []
 
     def of_recording(self, name: str, values: Floats) -> tuple[Term, Floats]:
@@ -217,6 +211,11 @@ class ModelStructure:
     def unknowns(self) -> tuple[Unknown, ...]:
         """The parameters of all terms, in their order."""
         return tuple(each for term in self.terms for each in term.unknowns)
+
+    @property
+    def widths(self) -> Floats:
+        """Their units in the solver."""
+        return np.array([each.width for each in self.unknowns])
 
     def split(self, values: Floats) -> list[Floats]:
         """Parameters of each term."""

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from drillenv.diagnosis.drill_diagnosis import held_out
 from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.thresholds import FALSE_ALARMS, RESOLVED
-from drillenv.diagnosis.verdict import held_out
 from drillenv.planning.information import Candidate, Survey
 
 COEFFICIENTS = 8

@@ -23,17 +23,17 @@ from drillenv.checks import InputError
 from drillenv.compiling import helped
 from drillenv.diagnosis.condition import Conditioned, condition
 from drillenv.diagnosis.constants import constants, logger
-from drillenv.diagnosis.drill import ShootingProblem, first_states
+from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.drill_unknowns import first_states
 from drillenv.diagnosis.equations import Around
 from drillenv.diagnosis.fitting import JOINED, priors_of
-from drillenv.diagnosis.laws import MOUNT_LAW, Curve, axes_of, families
+from drillenv.diagnosis.laws import MOUNT_LAW, Curve, axes_visited, families
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.solver import Floats, eliminated
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.dynamics.effects import REGISTRY, Chosen
-from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.shooting import COMPILE_DERIVATIVES
 from drillenv.dynamics.motion import motion
 from drillenv.dynamics.sensors import PerChannel, record
@@ -174,8 +174,7 @@ def settle(site: Site, setting: Setting, starts: str, base: ModelStructure) -> S
     noise = tuple(NoiseModel(less * std, 0.0, (), data.rate) for std in site.noise[1:])
     block = ShootingProblem(data, base, JOINED, (noise[0], noise[1]))
     shared = priors_of(base).centre
-    own = DRILL.own_for(first_states(data), data, base, block.noise)
-    own = block.estimate_states(shared, own, SETTLING)
+    own = block.estimate_states(shared, first_states(data), SETTLING)
     cost = block.cost(shared, own)
     return Settled(setting, starts, block, own) if cost < LEFT_OVER else None
 
@@ -193,8 +192,7 @@ def axes_over(settled: Sequence[Settled], base: ModelStructure, pool: Executor) 
     values = np.array([each.value for each in base.unknowns])
     models = [base.model(values, each.block.point) for each in settled]
     paths = list(pool.map(lambda each, model: each.block.path(model, each.own), settled, models))
-    rest = [float(each.s[V.F_B] / each.s[V.K]) for each in models]
-    return axes_of(paths, max(float(each.s[V.F_A]) for each in models), rest)
+    return axes_visited(paths, models)
 
 
 def signatures_of(site: Site, axes: Axes, around: Around, rng: np.random.Generator) -> list[Signature]:

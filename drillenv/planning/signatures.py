@@ -15,13 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drillenv.diagnosis.engine import Column
 from drillenv.diagnosis.equations import Around, acts_at, curve_at, has_states, scalars_of
 from drillenv.diagnosis.laws import DRIVE_LAG, NUMBERS, Curve, Equation
 from drillenv.diagnosis.sinusoids import INDENTER, SHAKER, STIFFNESS
 from drillenv.diagnosis.sinusoids import Channel as Wave
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import Model, OperatingPoint, Term, Unknown, WaveColumn
+from drillenv.diagnosis.terms import Model, OperatingPoint, Term, Unknown
 from drillenv.dynamics.constitutive.places import UNLOADING
 from drillenv.dynamics.effects import REGISTRY, Channels, Chosen, Effect, Parameter
 from drillenv.dynamics.forms import Form
@@ -67,12 +68,12 @@ class Amount(Term):
             elif name in NUMBERS:
                 model.s[NUMBERS[name]] += number * (values[0] if name in FACTORS else 1.0)
 
-    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[WaveColumn]:
+    def wave_columns(self, values: Floats, point: OperatingPoint) -> list[tuple[Column, dict[int, float]]]:
         """Sine and cosine of what goes on at a frequency of its own."""
         found = []
         for wave, size, turn, phase in waves_of(dict(self.numbers)):
             for code, share in ((0, math.cos(phase)), (1, math.sin(phase))):
-                found.append(WaveColumn(wave.kind, turn, code, {0: size * share}))
+                found.append((Column(wave.kind, code, turn), {0: size * share}))
         return found
 
 

@@ -206,6 +206,26 @@ def test_half_found_is_where_half_are_found():
     assert detection.half_found([1.0, 2.0], [True, True]) is None
 
 
+def test_detection_curves_as_a_table():
+    """A mechanism that is always found, one that is found half of the time, and one that never is."""
+    marks = [
+        {
+            "group": "curve",
+            "mechanisms": {name: "named" if strength > least else "missed"},
+            "named": strength > least,
+            "missing": {**MISSING, "contact": strength},
+            "share": share,
+        }
+        for name, least in (("never", math.inf), ("half", 3.0), ("always", 0.0))
+        for share, strength in ((1.0, 20.0), (0.1, 2.0))
+    ]
+    heads, _, *rows = detection.table(detection.detection_curves(marks)).splitlines()
+    assert heads == "| mechanism | shows most on | half found at | 1 | 0.1 |"
+    assert rows[0] == "| always | contact | below 2 N | 1 of 1 | 1 of 1 |"
+    assert rows[1].startswith("| half | contact | ") and rows[1].endswith(" N | 1 of 1 | 0 of 1 |")
+    assert rows[2] == "| never | contact | above 20 N | 0 of 1 | 0 of 1 |"
+
+
 def test_nothing_is_missing_in_a_trial_of_false_alarms():
     listed = plan_nulls(1, 5)
     assert [each.group for each in listed] == ["null", "wrong-constant", "null", "wrong-constant", "null"]

@@ -1,6 +1,6 @@
 """Labels of single recordings that their samples contradict are found, and nothing else is taken for one."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -8,11 +8,11 @@ import pytest
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
 from drillenv.checks import InputError
-from drillenv.diagnosis import verdict
+from drillenv.diagnosis import drill_diagnosis
 from drillenv.diagnosis.bookkeeping import mislabelled_pressures, with_labels_corrected
 from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.drill_diagnosis import Outcome, nominal_rig
 from drillenv.diagnosis.report import diagnose
-from drillenv.diagnosis.verdict import Outcome, nominal_rig
 
 pytestmark = pytest.mark.xdist_group("bookkeeping")  # its campaigns take a minute to make: once is enough
 SITE = Site(drive=600.0, frequency=110.0)
@@ -65,7 +65,7 @@ def test_another_pressure_is_found(campaigns, factor):
         assert label.stated == factor * true
         assert abs(label.seems - true) < 3.0 * label.std
         assert right.recordings[i].setting.pressure == label.seems
-        assert label.record["std"] == label.std and label.recording in label.sentence
+        assert label.recording in label.sentence
 
 
 def test_another_amplitude_is_found(campaigns):
@@ -84,7 +84,7 @@ def test_recordings_that_were_running_are_found(campaigns):
         for i in running(campaign):
             _, labels = with_labels_corrected(relabelled(campaign, i, starts="fresh"))
             tried += 1
-            missed += [label.record for label in labels] != [
+            missed += [asdict(label) for label in labels] != [
                 {
                     "recording": campaign.recordings[i].name,
                     "field": "starts",
@@ -176,7 +176,7 @@ def test_a_recording_that_is_too_short_once_its_label_is_right_is_left_out(monke
         searched.extend(each.name for each in given.recordings)
         return Outcome("agrees", [], *[None] * 6, [], stopped="here")  # type: ignore[arg-type]
 
-    monkeypatch.setattr(verdict, "search", search)
-    outcome = verdict.diagnose_drill(replace(campaign, recordings=tuple(recordings)))
+    monkeypatch.setattr(drill_diagnosis, "search", search)
+    outcome = drill_diagnosis.diagnose_drill(replace(campaign, recordings=tuple(recordings)))
     assert searched == [each.name for each in campaign.recordings if each is not whole]
     assert len(outcome.unusable) == 1 and whole.name in outcome.unusable[0]

@@ -8,7 +8,7 @@ import pytest
 
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.checks import InputError
-from drillenv.diagnosis import verdict
+from drillenv.diagnosis import drill_diagnosis
 from drillenv.diagnosis.report import diagnose
 from drillenv.recordings import write_campaign
 from tests.recordings.test_fuzz import FORMATS, damage
@@ -33,7 +33,7 @@ def test_damaged_campaigns_are_refused_in_one_line(sound, tmp_path, monkeypatch)
     def begin(*_args, **_more):
         raise BegunError
 
-    monkeypatch.setattr(verdict, "plain_fit", begin)
+    monkeypatch.setattr(drill_diagnosis, "plain_fit", begin)
     counts = {"begun": 0, "refused": 0}
     for seed in range(200):
         rng = random.Random(seed)

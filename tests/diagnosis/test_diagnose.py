@@ -13,14 +13,15 @@ from drillenv.checks import InputError
 from drillenv.corrected import read_model
 from drillenv.diagnosis.condition import condition, white_noise
 from drillenv.diagnosis.constants import constants
-from drillenv.diagnosis.drill import PRESSURE_LABEL, STATE_WIDTHS, ShootingProblem, first_states
+from drillenv.diagnosis.drill import ShootingProblem
+from drillenv.diagnosis.drill_diagnosis import held_out
 from drillenv.diagnosis.drill_noise import noise_of
 from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.drill_unknowns import PRESSURE_LABEL, STATE_WIDTHS, first_states
 from drillenv.diagnosis.fitting import FREE
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure
-from drillenv.diagnosis.verdict import held_out
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel, record
 from drillenv.recordings import Campaign, Nominal, Recording

@@ -10,7 +10,7 @@ from drillenv import Rig
 from drillenv.diagnosis import drill
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
-from drillenv.diagnosis.drill import MASSES, first_states
+from drillenv.diagnosis.drill_unknowns import MASSES, first_states
 from drillenv.diagnosis.fitting import FREE, JOINED
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
 from drillenv.diagnosis.tables import GRID, PLACES, Axes

@@ -10,12 +10,12 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
 from drillenv.checks import InputError
 from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.drill_diagnosis import STRETCH, nominal_rig, plain_fit
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import CONVERGED
 from drillenv.diagnosis.naming import name_law
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.selection import with_family
-from drillenv.diagnosis.verdict import STRETCH, nominal_rig, plain_fit
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.sensors import PerChannel
 from drillenv.recordings import Channel, read_campaign

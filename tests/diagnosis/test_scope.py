@@ -10,7 +10,7 @@ import pytest
 
 from drillenv import cli, diagnose
 from drillenv.checks import InputError
-from drillenv.diagnosis import verdict
+from drillenv.diagnosis import drill_diagnosis
 from drillenv.diagnosis.drill_identification import mechanisms_of
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
@@ -139,7 +139,7 @@ def test_an_interruption_keeps_what_is_known(tmp_path, capsys, monkeypatch, sche
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(verdict, "extended", interrupted)
+    monkeypatch.setattr(drill_diagnosis, "extended", interrupted)
     assert cli.main(["diagnose", EXAMPLE, "--only", "contact", "--out", str(tmp_path)]) == 130
     printed = capsys.readouterr()
     lines = printed.err.splitlines()

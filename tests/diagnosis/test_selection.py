@@ -106,13 +106,13 @@ def test_a_law_gets_finer_from_where_it_stands_as_long_as_that_is_seen(monkeypat
     def at(count: int, cost: float) -> Any:
         return Fake(structure=structure, fit=Fake(shared=np.zeros(count)), cost=cost, samples=SAMPLES)
 
-    def with_detail(data, fitted, family, detail, pool):
+    def with_detail(fitted, family, detail):
         return at(6 * detail, fitted.cost - gains[6 * detail])
 
     monkeypatch.setattr(resolution, "with_detail", with_detail)
-    monkeypatch.setattr(resolution, "with_corners", lambda data, fitted, family, pool: fitted)
-    monkeypatch.setattr(resolution, "smoothed", lambda data, fitted, family, pool: fitted)
-    found = refined([], at(size, 1e4), family(size), Fake())  # type: ignore[arg-type]
+    monkeypatch.setattr(resolution, "with_corners", lambda fitted, family: fitted)
+    monkeypatch.setattr(resolution, "smoothed", lambda fitted, family: fitted)
+    found = refined(at(size, 1e4), family(size))  # type: ignore[arg-type]
     assert found.fit.shared.size == expected
 
 
@@ -131,11 +131,11 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     mass, air = steps[1].family, Fake(name="air", group="air")
     tried = []
 
-    def score_tests(fitted, families, pool):
+    def score_tests(fitted, families):
         tried.append([each.name for each in families])
         return ScoreTests([], 0.01)
 
-    monkeypatch.setattr(selection, "joined", lambda data, fitted, *_: fitted)
+    monkeypatch.setattr(selection, "joined", lambda fitted, *_: fitted)
     monkeypatch.setattr(
         selection,
         "still_possible",
@@ -146,10 +146,10 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     monkeypatch.setattr(
         selection,
         "backward",
-        lambda data, fitted, steps, *_, **__: (fitted, [each for each in steps if each.family is not mass]),
+        lambda fitted, steps, *_, **__: (fitted, [each for each in steps if each.family is not mass]),
     )
     monkeypatch.setattr(selection, "copied", list)
     earlier: Any = Fake(scores=[Fake(family=mass, p=0.01), Fake(family=air, p=0.5)], level=0.01)
-    _, kept, _ = forward([], fit(1.5), Any, before=steps, earlier=earlier)  # type: ignore[arg-type]
+    _, kept, _ = forward(fit(1.5), before=steps, earlier=earlier)  # type: ignore[arg-type]
     assert [each.family.name for each in kept] == ["guide"]
     assert tried == [["mass"], ["air"]]

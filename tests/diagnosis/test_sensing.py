@@ -373,20 +373,6 @@ def test_responses_are_those_of_the_equations():
     np.testing.assert_allclose(slowly, 1.0 - 1.0 / (1.0 + 1j * np.array([1.0, 5.0])), rtol=0.01)
 
 
-def test_reach_is_as_long_as_a_response():
-    terms = textbook()
-    assert terms["load-cell-inertia"].reach(np.array([0.1]), RATE) == (0, 0)
-    front, tail = terms["accelerometer-lowpass"].reach(np.array([500.0]), RATE)
-    # largest at the pulse or next to it, then by exp(-2 pi 500 / rate) from sample to sample
-    assert front <= 1
-    assert tail == pytest.approx(RATE * math.log(1e3) / (2.0 * math.pi * 500.0), rel=0.1)
-    assert terms["accelerometer-lowpass"].tail(np.array([500.0]), RATE) == tail
-    front, tail = terms["channel-delay"].reach(np.array([-4e-4, 4e-4]), RATE)
-    assert 10 <= front <= 20
-    assert 10 <= tail <= 20
-    assert families()[ACCELEROMETER].reach(np.zeros(len(families()[ACCELEROMETER].unknowns)), RATE) == (0, 0)
-
-
 def test_parameters_are_those_of_the_library():
     for term in textbook().values():
         effect = term.effect

@@ -8,7 +8,7 @@ import pytest
 
 from drillenv import Rig
 from drillenv.diagnosis.condition import condition
-from drillenv.diagnosis.drill import first_states
+from drillenv.diagnosis.drill_unknowns import first_states
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.dynamics.effects import make

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from drillenv.diagnosis.adapter import Regression
+from drillenv.diagnosis.adapter import Adapter, RecordingProblem
 from drillenv.diagnosis.fitting import JOINED, fit_to
-from drillenv.diagnosis.laws import Curve, Equivalent, Family, bsplines
+from drillenv.diagnosis.laws import Curve, Family, bsplines
 from drillenv.diagnosis.selection import forward
 from drillenv.diagnosis.tables import GRID, PLACES, Axes, interpolate
 from drillenv.diagnosis.terms import ModelStructure, Term, Unknown
@@ -32,7 +32,7 @@ class Run:
 
 
 @dataclass
-class Oscillator(Regression):
+class Oscillator(RecordingProblem):
     """x'' = mu (1 - x^2) x' - k x + u: what is measured of x'' less what that and laws say."""
 
     data: Run
@@ -67,28 +67,13 @@ class Oscillator(Regression):
         return self.columns / self.noise
 
 
-class VanDerPol:
+class VanDerPol(Adapter):
     """The adapter: free laws over position and speed, and no library."""
 
     axes = Axes(np.full(PLACES, 1e4), np.full(PLACES, -4e-4), np.full(PLACES, 8e-4 / (GRID - 1)))
 
-    def block(self, data, structure, weight, noise):
-        return Oscillator(data, structure, weight, noise)
-
-    def first_noise(self, data):
-        return NOISE
-
-    def own_for(self, own, data, structure, noise):
-        return own
-
-    def noise_left(self, fitted, pool):
-        return fitted.noise
-
-    def axes_at(self, fitted, pool):
+    def axes_at(self, fitted):
         return self.axes
-
-    def reparametrise_to_nominal(self, structure, values, places):
-        return Equivalent(structure.axes, values, {})
 
     def laws(self, fitted, axes, detail):
         def family(name, place):
@@ -97,21 +82,6 @@ class VanDerPol:
             return Family(name, name, (Curve(name, unknowns, place, basis),))
 
         return [family("restoring force", POSITION), family("drag", SPEED)]
-
-    def candidates(self, fitted):
-        return self.laws(fitted, self.axes, 1)
-
-    def at_own_frequency(self, fitted, there, pool):
-        return []
-
-    def rivals(self, fitted, family):
-        return []
-
-    def taken_up(self, equation):
-        return []
-
-    def mechanisms_by_law(self, fitted, family, nearest):
-        return (family.mechanism,)
 
 
 def runs(missing, seed):
@@ -146,8 +116,9 @@ def test_a_rig_from_elsewhere_is_diagnosed(missing, named):
     constants = Term("constants", tuple(Unknown(name, value, 0.02, 0.02) for name, value in (("mu", MU), ("k", 1.0))))
     structure = ModelStructure((constants,), rig.axes, rig)
     with ThreadPoolExecutor(1) as pool:
-        plain = fit_to(data, structure, None, [np.zeros(0)] * 4, pool, JOINED)
-        final, steps, _ = forward(data, plain, pool)
+        blocks = [Oscillator(run, structure, JOINED, NOISE) for run in data]
+        plain = fit_to(blocks, [np.zeros(0)] * 4, structure, None, pool)
+        final, steps, _ = forward(plain)
     assert [step.named.mechanism for step in steps] == named
     assert final.per_freedom == pytest.approx(1.0, abs=0.06)
     if named:

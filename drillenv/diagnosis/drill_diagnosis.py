@@ -8,21 +8,30 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, with_labels_corrected
-from drillenv.diagnosis.condition import Conditioned, common_lag, condition, without_unusable
+from drillenv.diagnosis.condition import Conditioned, conditioned, without_unusable
 from drillenv.diagnosis.constants import NAMES, constants, logger
-from drillenv.diagnosis.drill import MASSES, PRESSURE_LABEL, ShootingProblem, first_states, resized
-from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
+from drillenv.diagnosis.drill import ShootingProblem
+from drillenv.diagnosis.drill_noise import noise_left, noise_of, quietest, with_lines_left
+from drillenv.diagnosis.drill_prediction import (
+    StateEstimate,
+    chi_square,
+    estimate_recordings,
+    estimates_of,
+    excess_chi_square,
+    own_lines,
+    without_lines,
+)
 from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.drill_unknowns import PRESSURE_LABEL, first_states
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
-from drillenv.diagnosis.fitting import CONVERGED, FREE, GRADUAL, JOINED, OUTLYING, Fitted, fit_to, joined, priors_of
-from drillenv.diagnosis.noise import NoiseModel
+from drillenv.diagnosis.fitting import FREE, Fitted, fit_to, joined
 from drillenv.diagnosis.progress import (
     EXTENDING,
     FITTING,
@@ -36,33 +45,21 @@ from drillenv.diagnosis.progress import (
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.score_tests import ScoreTests
 from drillenv.diagnosis.selection import Step, forward
-from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.sinusoids import Sinusoid
-from drillenv.diagnosis.solver import Floats, Limits, minimise
+from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL, STANDS_OUT
-from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
-from drillenv.rig import Rig, Setting
+from drillenv.rig import Rig
 
 STRETCH = 16
 """Windows of each recording by which families are told from each other, before all of it is fitted: about as many
 periods, in which a rig that runs repeats itself several times."""
-PART = 4
-"""Windows of a part of a recording that is drawn for an interval."""
 CORES = 2
 """Recordings that are fitted side by side where nobody says how many."""
 FEW = 4
 """Recordings, at most, of which none is kept out of the fit: what one alone shows would else not be fitted."""
-
-
-class StateEstimate(NamedTuple):
-    """A recording with a model's prediction of it."""
-
-    block: ShootingProblem
-    own: Floats
-    shared: Floats
 
 
 class Proof(NamedTuple):
@@ -175,10 +172,7 @@ def search(
 ) -> Outcome:
     """The verdict on recordings as they are labelled; arguments as of :func:`diagnose_drill`."""
     rig = nominal_rig(campaign)
-    data = [condition(each, rig) for each in campaign.recordings]
-    late = common_lag(data, rig)
-    if late != 0.0:
-        data = [condition(each, rig, late) for each in campaign.recordings]
+    data = conditioned(campaign.recordings, rig)
     held = held_out(data)
     fit_data = [each for i, each in enumerate(data) if i not in held]
     held_data = [each for i, each in enumerate(data) if i in held]
@@ -201,31 +195,23 @@ def search(
     return Outcome(verdict, fit_data, plain, final, missing, tested, proof, share, [], progress.stopped)
 
 
-class Selected(NamedTuple):
-    """What the search for families has come to."""
-
-    begun: Fitted
-    """The paper's model on stretches of the recordings."""
-    plain: Fitted | None
-    """The same on whole recordings, where it was fitted to them."""
-    final: Fitted
-    steps: list[Step]
-    tested: ScoreTests
-
-
 def selected(
     campaign: Campaign, data: Sequence[Conditioned], pool: Executor, progress: Progress, scope: Scope | None = None
-) -> Selected:
-    """Families found on stretches of the recordings, then on all of them."""
+) -> tuple[Fitted, Fitted | None, Fitted, list[Step], ScoreTests]:
+    """Families found on stretches of the recordings, then on all of them.
+
+    Returns:
+        The paper's model on stretches, the same on whole recordings where it was fitted to them, the model that was
+        found with the steps to it, and the tests of what else there may be.
+    """
     say = progress.say
     progress.stage(FITTING)
     begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
     begun = replace(begun, structure=replace(begun.structure, scope=scope))
     say(f"reduced chi-square {begun.per_freedom:.3f}")
-    stretches = [block.data for block in begun.blocks]
     progress.keep(begun, begun, [], ScoreTests([], 1.0))
     progress.stage(SEARCHING)
-    found, steps, tested = forward(stretches, begun, pool, say, keep=partial(progress.keep, begun))
+    found, steps, tested = forward(begun, say, keep=partial(progress.keep, begun))
     progress.keep(begun, found, steps, tested)
     progress.stage(EXTENDING)
     whole = extended(data, found, pool)
@@ -234,13 +220,13 @@ def selected(
     by_equations = {step.family.group for step in steps if step.named.equation is not None}
     if final.per_freedom > CLOSE and by_equations:
         # an equation that follows a law over stretches need not do so where these go on
-        final, steps, _ = forward(data, final, pool, say, steps, tested, only=by_equations)
+        final, steps, _ = forward(final, say, steps, tested, only=by_equations)
     # a model that does not hold where its stretches go on is not mended by more families
     if final.per_freedom < CLOSE:
         progress.stage(SEARCHING_AGAIN)
-        final, steps, tested = forward(data, final, pool, say, steps, tested)
-    final = final_refit(data, final, pool)
-    return Selected(begun, whole if found is begun else None, final, steps, tested)
+        final, steps, tested = forward(final, say, steps, tested)
+    final = final_refit(final)
+    return begun, whole if found is begun else None, final, steps, tested
 
 
 def proved(
@@ -268,10 +254,8 @@ def proved(
 def fitted_without(fitted: Fitted, i: int, pool: Executor) -> Fitted:
     """The model fitted to all recordings of a fit but one, or to as much of them as that has."""
     others = [j for j in range(len(fitted.blocks)) if j != i]
-    own = [fitted.fit.own[j] for j in others]
-    noise = [fitted.noise[j] for j in others]
-    rest = [fitted.blocks[j].data for j in others]
-    return fit_to(rest, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, CONVERGED, noise)
+    blocks, own = [fitted.blocks[j] for j in others], [fitted.fit.own[j] for j in others]
+    return fit_to(blocks, own, fitted.structure, fitted.fit.shared, pool)
 
 
 def outlying_recording(outcome: Outcome) -> str | None:
@@ -317,25 +301,12 @@ def nominal_rig(campaign: Campaign) -> Rig:
     return Rig(*(float(campaign.nominal[name].value or 0.0) for name in NAMES[:6]))
 
 
-class Described(Protocol):
-    """A recording of which it is known how it was made."""
-
-    @property
-    def fresh(self) -> bool:
-        """Whether from rest."""
-        ...
-
-    @property
-    def setting(self) -> Setting:
-        """Frequency, amplitude and pressure."""
-        ...
-
-
-def held_out(data: Sequence[Described]) -> set[int]:
+def held_out(data: Sequence[Any]) -> set[int]:
     """Recordings that are left out of the fit: of a running rig, a quarter, spread over the campaign.
 
-    Not those at its lowest and highest frequency, where others can be had: no law over the frequency holds beyond what
-    it was fitted to. None where there are few recordings: each is then held against a fit to the others.
+    Of each ``fresh`` and ``setting`` are asked. Not those at its lowest and highest frequency, where others can be had:
+    no law over the frequency holds beyond what it was fitted to. None where there are few recordings: each is then held
+    against a fit to the others.
     """
     running = [i for i, each in enumerate(data) if not each.fresh]
     count = len(data) // 4 if len(data) > FEW else 0
@@ -351,26 +322,23 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     """The paper's model with its constants, and the noise as it shows by that."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
     structure = ModelStructure((constants(campaign.nominal), logger()), flat, DRILL)
-    own = [first_states(each) for each in data]
+    blocks = [ShootingProblem(each, structure, FREE, noise_of(each)) for each in data]
     limits = Limits(10, 1.0, 0.05)
-    found = fit_to(data, structure, None, own, pool, FREE, limits)
-    noise = with_lines_left(found, pool)
+    found = fit_to(blocks, [first_states(each) for each in data], structure, None, pool, limits)
+    noise = with_lines_left(found)
     if any(level.lines for each in noise for level in each):
-        found = fit_to(data, structure, found.fit.shared, found.fit.own, pool, FREE, limits, noise)
-    found = joined(data, found, pool, limits, noise)
-    structure = replace(structure, axes=DRILL.axes_at(found, pool))
-    noise = noise_left(found, pool)
+        found = found.refit(limits=limits, noise=noise)
+    found = joined(found, limits, noise)
+    noise = noise_left(found)
     if found.per_freedom > CLOSE:
         noise = quietest(noise, data, lines=True)
-    return fit_to(data, structure, found.fit.shared, found.fit.own, pool, found.weight, CONVERGED, noise)
+    return found.refit(replace(structure, axes=DRILL.axes_at(found)), noise=noise)
 
 
-def final_refit(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
+def final_refit(fitted: Fitted) -> Fitted:
     """The same to the end."""
-    noise = noise_left(fitted, pool) if fitted.per_freedom < CLOSE else fitted.noise
-    return fit_to(
-        data, fitted.structure, fitted.fit.shared, fitted.fit.own, pool, fitted.weight, Limits(15, 0.1), noise
-    )
+    noise = noise_left(fitted) if fitted.per_freedom < CLOSE else fitted.noise
+    return fitted.refit(limits=Limits(15, 0.1), noise=noise)
 
 
 def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
@@ -394,8 +362,8 @@ def extend_horizon(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) 
     there = estimate_recordings(data, fitted, pool, known=True)
     # lines that the model has itself are no noise
     noise = [without_lines(each.block, own_lines(fitted)) for each in there]
-    own = [each.own for each in there]
-    return fit_to(data, fitted.structure, fitted.fit.shared, own, pool, fitted.weight, CONVERGED, noise)
+    blocks, own = [each.block for each in there], [each.own for each in there]
+    return fit_to(blocks, own, fitted.structure, fitted.fit.shared, pool, weight=fitted.weight, noise=noise)
 
 
 def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
@@ -405,214 +373,7 @@ def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted,
     blocks = [each.block for each in there]
     costs = [block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True)]
     cost = sum(costs) + fitted.priors.cost(fitted.fit.shared)
-    return Fitted(fitted.structure, blocks, replace(fitted.fit, own=own, cost=cost, costs=costs), fitted.priors)
-
-
-def estimate_recordings(
-    data: Sequence[Conditioned],
-    fitted: Fitted,
-    pool: Executor,
-    noise: Sequence[Noise] | None = None,
-    known: bool = False,
-) -> list[StateEstimate]:
-    """Recordings with only their own unknowns fitted; their noise, where it is not given, is what the model leaves.
-
-    Of recordings that are ``known`` the fit has the beginning.
-    """
-    levels = quietest(fitted.noise, data, lines=known) if noise is None else noise
-    beginnings = [WarmStart.of(*each) for each in zip(fitted.blocks, fitted.fit.own, strict=True)] if known else None
-
-    def settle(each: Conditioned, level: Noise, beginning: WarmStart | None) -> StateEstimate:
-        there = estimate_states_of(each, *with_own_lines(fitted, level), beginning)
-        there = with_own_waves(there)
-        return there if noise is not None else with_noise_left(there, fitted)
-
-    return list(pool.map(settle, data, levels, beginnings or [None] * len(data)))
-
-
-class WarmStart(NamedTuple):
-    """Own unknowns of the beginning of a recording."""
-
-    states: Floats
-    """(windows, kept)."""
-    behind: Floats
-    """(2,) share of the pressure and impacts before."""
-
-    @classmethod
-    def of(cls, block: ShootingProblem, own: Floats) -> WarmStart:
-        """As a fit has them."""
-        states = block.states_of(own)
-        return cls(states, own[states.size : states.size + 2])
-
-
-def with_noise_left(there: StateEstimate, fitted: Fitted) -> StateEstimate:
-    """The same with the noise that a model leaves, where it comes close to the recording."""
-
-    def alone(there: StateEstimate) -> Fitted:
-        fit = replace(fitted.fit, shared=there.shared, own=[there.own])
-        return Fitted(there.block.structure, [there.block], fit, fitted.priors)
-
-    found = there
-    if there.block.per_sample(there.shared, there.own) > CLOSE:
-        found = weighed(there, with_lines_left(alone(there), None)[0], fitted)
-    if found.block.per_sample(found.shared, found.own) > CLOSE:
-        return there
-    return weighed(found, noise_left(alone(found), None)[0], fitted)
-
-
-def weighed(there: StateEstimate, noise: Noise, fitted: Fitted) -> StateEstimate:
-    """The same with another noise, and lines of the model whose amplitudes are each recording's."""
-    block, own, shared = there
-    if fitted.structure.terms != block.structure.terms:
-        noise = with_own_lines(fitted, noise)[1]
-    again = replace(block, noise=noise)
-    begun = np.append(own[: own.size - len(block.lines)], np.zeros(len(again.lines)))
-    return StateEstimate(again, again.estimate_states(shared, begun), shared)
-
-
-def estimate_states_of(
-    each: Conditioned, fitted: Fitted, level: Noise, beginning: WarmStart | None = None
-) -> StateEstimate:
-    """A recording's block with its own unknowns at their best; they begin as known, or as first guessed."""
-    size = V.OWN if any(term.has_states for term in fitted.structure.terms) else 4
-    windows = len(each.starts) - 1
-    own = resized(first_states(each), windows, size, 4, 0)
-    behind = slice(windows * size, windows * size + 2)
-    if beginning is not None:
-        states, own[behind] = beginning
-        # a mount is pressed in, and air has given way, further on as well
-        own[: windows * size].reshape(windows, size)[:, MASSES:] = states[:, MASSES:].mean(axis=0)
-        own[: states.size] = states.ravel()
-    shared = fitted.fit.shared
-
-    def settle(weight: float, own: Floats) -> tuple[ShootingProblem, Floats]:
-        block = ShootingProblem(each, fitted.structure, weight, level)
-        if own.size != windows * size + block.locals:
-            own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
-        if weight == FREE and beginning is None:
-            own = block.find_states(shared, own)
-        else:
-            own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
-        outlying = block.per_sample(shared, own) > OUTLYING * 2.0 * fitted.fit.cost / fitted.samples
-        again = block.reinitialise_outliers(shared, own, outlying)
-        return block, own if again is own else block.estimate_states(shared, again)
-
-    block, own = settle(FREE, own)
-    if fitted.weight == FREE:
-        return StateEstimate(block, own, shared)
-    free, close = own, block.per_sample(shared, own) < CLOSE
-    # windows that are free say little of the pressure, and of what goes on from each to the next
-    begun = free.copy()
-    begun[behind] = 0.0 if beginning is None else beginning.behind
-    if beginning is not None:
-        begun[:2] = beginning.states[0, :2]
-    block, own = settle(fitted.weight, begun)
-    if close and block.per_sample(shared, own) > CLOSE:
-        # windows that were not near enough to each other to be joined at once
-        own = free
-        for weight in [*(each for each in GRADUAL if each > fitted.weight), fitted.weight]:
-            block, own = settle(weight, own)
-    return StateEstimate(block, own, shared)
-
-
-QUARTER = 0.25
-"""Turns of the wave that stands for a drift."""
-
-
-def with_own_waves(there: StateEstimate) -> StateEstimate:
-    """The same with amplitudes that are each recording's own fitted to this one, where its model has such."""
-    block, own, shared = there
-    terms, values, free = [], [], []
-    for term, each in zip(block.structure.terms, block.structure.split(shared * block.widths), strict=True):
-        alone, begun = term.of_recording(block.point.name, each)
-        terms.append(alone)
-        values.append(begun / np.array([one.width for one in alone.unknowns]))
-        free.append((np.arange(begun.size) >= alone.common) & (alone is not term))
-    open_ = np.concatenate(free)
-    if not open_.any():
-        return there
-    start = np.concatenate(values)
-    structure = replace(block.structure, terms=tuple(terms))
-    bounds = priors_of(structure)
-    pinned = replace(
-        bounds,
-        centre=start,
-        precision=np.where(open_, bounds.precision, 0.0),
-        low=np.where(open_, bounds.low, start),
-        high=np.where(open_, bounds.high, start),
-    )
-    alone = replace(block, structure=structure)
-    fit = minimise([alone], start, [own], pinned, Limits(15, 0.5, 1e-3), samples=block.samples)
-    return StateEstimate(alone, fit.own[0], fit.shared)
-
-
-def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
-    """The same model with lines whose amplitudes are each recording's as lines of a recording that was left out."""
-    kept, start = [], []
-    for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
-        if not (isinstance(term, Added) and term.names):
-            kept.append(term)
-            start.append(own / np.array([each.width for each in term.unknowns]))
-    if len(kept) == len(fitted.structure.terms):
-        return fitted, level
-    more = own_lines(fitted)
-    structure = replace(fitted.structure, terms=tuple(kept))
-    first, second = (replace(each, lines=tuple(sorted({*each.lines, *more}))) for each in level)
-    fit = replace(fitted.fit, shared=np.concatenate(start))
-    return Fitted(structure, fitted.blocks, fit, fitted.priors), (first, second)
-
-
-def own_lines(fitted: Fitted) -> list[float]:
-    """Frequencies (Hz) of lines of the model whose amplitudes are each recording's; 0 is an offset.
-
-    A drift is next to straight in a wave that turns by less than a quarter, beside a constant; a line that swells has
-    lines beside it.
-    """
-    found: set[float] = set()
-    turn = QUARTER / max(each.data.force.size / each.data.rate for each in fitted.blocks)
-    for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
-        if isinstance(term, Added) and term.names:
-            frequency = term.frequency_of(own)
-            aside = (-turn, 0.0, turn) if term.degree else (0.0,)
-            found |= {abs(float(order * frequency + each)) for order in term.orders or (0,) for each in aside}
-    # nearer to each other they are not told apart
-    lines = sorted(found)
-    return [line for line, before in zip(lines, [-math.inf, *lines], strict=False) if line - before > 0.5 * turn]
-
-
-def without_lines(block: ShootingProblem, lines: Sequence[float]) -> Noise:
-    """A recording's noise without what is not told from some lines."""
-    apart = block.data.rate / block.data.force.size
-
-    def less(level: NoiseModel) -> NoiseModel:
-        return replace(level, lines=tuple(x for x in level.lines if all(abs(x - line) > apart for line in lines)))
-
-    first, second = block.noise
-    return less(first), less(second)
-
-
-def chi_square(blocks: Sequence[StateEstimate]) -> float:
-    """Reduced chi-square of recordings' samples, their own unknowns counted; infinite where one is not followed."""
-    total, freedom = 0.0, 0
-    for block, own, shared in blocks:
-        raw = block.integrate(block.structure.model(shared * block.widths, block.point), own)
-        if not raw.good:
-            return math.inf
-        residual = block.residual(shared * block.widths, raw.said, own)
-        total += float((residual**2).sum())
-        freedom += block.samples - own.size
-    return total / max(freedom, 1)
-
-
-def excess_chi_square(blocks: Sequence[StateEstimate]) -> Floats:
-    """(parts,) by how much squares of residuals exceed the noise, over parts of a few windows of recordings."""
-    found = []
-    for block, own, shared in blocks:
-        by_window = 2.0 * block.costs(shared, own)[1]
-        constraints = (block.windows - 1) * block.state_count(own)
-        expected = (block.samples + constraints - own.size) / block.windows
-        found.append(np.add.reduceat(by_window - expected, np.arange(0, block.windows, PART)))
-    return np.concatenate(found)
+    return replace(fitted, blocks=blocks, fit=replace(fitted.fit, own=own, cost=cost, costs=costs))
 
 
 def share_explained(plain: Fitted, final: Fitted, proof: Proof) -> Explained:
@@ -620,11 +381,6 @@ def share_explained(plain: Fitted, final: Fitted, proof: Proof) -> Explained:
     before, after = (proof.before, proof.after) if proof.after else (estimates_of(plain), estimates_of(final))
     samples = sum(each.block.samples for each in before)
     return explained(excess_chi_square(before), excess_chi_square(after), proof.of, samples)
-
-
-def estimates_of(fitted: Fitted) -> list[StateEstimate]:
-    """The recordings of a fit with its prediction."""
-    return [StateEstimate(*each, fitted.fit.shared) for each in zip(fitted.blocks, fitted.fit.own, strict=True)]
 
 
 def verdict_of(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None, share: Explained) -> Verdict:

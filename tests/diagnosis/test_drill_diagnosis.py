@@ -9,9 +9,10 @@ import pytest
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Concealed
 from drillenv.corrected import model_from_record, model_record
-from drillenv.diagnosis.findings import corrected, record_of
+from drillenv.diagnosis.drill_diagnosis import diagnose_drill, outlying_recording
+from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
+from drillenv.diagnosis.drill_report import corrected, record_of
 from drillenv.diagnosis.thresholds import LEFT
-from drillenv.diagnosis.verdict import StateEstimate, diagnose_drill, outlying_recording, own_lines
 
 pytestmark = pytest.mark.slow
 

@@ -1,0 +1,195 @@
+"""The states of a recording of the drilling rig: found from a first guess, estimated, and begun anew.
+
+Each is a function of the recording's problem, of shared parameters and of own unknowns, both as the solver has them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from drillenv.diagnosis.drill_unknowns import STATE_WIDTHS, first_states, resized
+from drillenv.diagnosis.fitting import FREE, JOINED
+from drillenv.diagnosis.solver import Floats, factor
+from drillenv.diagnosis.thresholds import CLOSE
+from drillenv.dynamics.constitutive.places import GUIDE, INDENTER
+
+if TYPE_CHECKING:
+    from drillenv.diagnosis.drill import ShootingProblem
+
+IMPROBABLE = 5.0
+"""Standard deviations of its label from which a pressure may stand for a force that a model has the wrong way round."""
+LABELLED = 1e6
+"""Precision of labels that are taken for exact."""
+PROGRESS = 0.8
+"""Share of its cost to which a recording has to come with windows begun anew for them to be begun anew once more."""
+FOUND_QUANTILE = 0.25
+"""Quantile of the windows' costs a sample that stands for windows whose states have been found."""
+WORSE, CORRECTIONS = 10.0, 6
+"""Own unknowns whose step makes a recording worse, up to so many times, take so many steps of their own."""
+
+
+def try_step(block: ShootingProblem, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
+    """Cost and own unknowns after their step; where it makes the recording worse, after steps of their own.
+
+    Where windows are joined, their states follow the shared parameters along a curve.
+    """
+    cost, at = line_search(block, shared, own, move, before)
+    return fit_states(block, shared, at, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, at)
+
+
+def line_search(
+    block: ShootingProblem, shared: Floats, own: Floats, move: Floats, before: float
+) -> tuple[float, Floats]:
+    """Cost and own unknowns after a step of theirs, or what of it costs least."""
+    at = own + move
+    best, costs = block.costs(shared, at)
+    if best <= before:
+        return best, at
+    if block.weight <= JOINED:
+        # the step is along the continuity constraints' tangent: from there back to where they hold
+        going_on = block.rollout(shared, at)
+        cost = block.cost(shared, going_on)
+        return (cost, going_on) if cost < best else (best, at)
+    kept = block.state_count(own)
+    for share in (0.3, 0.0):
+        part = own + share * move
+        cost, other = block.costs(shared, part)
+        # windows that are nearly free choose each for themselves
+        better = np.append(np.repeat(other < costs, kept), np.zeros(block.locals, dtype=bool))
+        chosen = np.where(better, part, at)
+        mixed, mixed_costs = block.costs(shared, chosen)
+        if mixed < min(best, cost):
+            best, at, costs = mixed, chosen, mixed_costs
+        elif cost < best:
+            best, at, costs = cost, part, other
+    return best, at
+
+
+def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, outlying: bool) -> Floats:
+    """Windows whose cost stands out, begun as first guessed, as the one before ends, and as the next ones begin.
+
+    A recording is begun anew as a whole where it is ``outlying``, since the model follows the others by far more
+    closely, and where in a close model with friction its pressure is not to be believed: that holds a mass one way
+    or the other, and its force and the pressure's can stand for each other. In a model that is far off pressures
+    stand for all that it lacks.
+    """
+    cost, costs = block.costs(shared, own)
+    close = block.weight <= JOINED and 2.0 * cost < CLOSE * block.samples
+    model = block.structure.model(shared * block.widths, block.point)
+    with_friction = model.bends(GUIDE) or model.bends(INDENTER)
+    mistaken = close and with_friction and abs(own[block.windows * block.state_count(own)]) > IMPROBABLE
+    if mistaken or outlying:
+        most = math.inf if mistaken else PROGRESS * found_cost(block, costs)
+        own = reinitialised(block, shared, own, most)
+        cost, costs = block.costs(shared, own)
+    typical = float(np.median(costs / np.diff(block.data.starts)))
+    return own if typical > 1.5 and not outlying else with_windows_reinitialised(block, shared, own, cost, costs)[1]
+
+
+def with_windows_reinitialised(
+    block: ShootingProblem, shared: Floats, own: Floats, cost: float, costs: Floats
+) -> tuple[float, Floats]:
+    """Cost and own unknowns with windows that stand out begun from elsewhere, where that comes to a lower cost.
+
+    From a known cost, and that of each window.
+    """
+    # where the motion is another one in most of them the better ones tell
+    stray = costs / np.diff(block.data.starts) > max(2.0 * found_cost(block, costs), 1.5)
+    if not stray.any():
+        return cost, own
+    kept = block.state_count(own)
+    model = block.structure.model(shared * block.widths, block.point)
+    raw = block.integrate(model, own)
+    states = block.states_of(own)
+    behind = own[states.size :]
+    ends = block.owned(raw.ends, block.labelled(own, model), kept)
+    guess = states.copy()
+    guess[:, 2:4] = block.data.states[:, 2:4] / STATE_WIDTHS[2:4]
+    first = guess.copy()
+    first[1:, :2] = np.where(stray[:-1, None], guess[1:, :2], ends[:-1, :2])
+    going_on = states.copy()
+    going_on[1:] = ends[:-1]
+    # as in the windows after it: a rig that runs repeats itself after one or two
+    next_, after_next = np.roll(states, -1, axis=0), np.roll(states, -2, axis=0)
+    best, at = costs, own
+    for trial in (first, going_on, next_, after_next):
+        begun = estimate_states(block, shared, np.append(np.where(stray[:, None], trial, states).ravel(), behind))
+        _, other = block.costs(shared, begun)
+        better = np.append(np.repeat(stray & (other < best), kept), np.zeros(block.locals, dtype=bool))
+        at, best = np.where(better, begun, at), np.minimum(best, other)
+    after = block.cost(shared, at)
+    return (after, at) if after < cost else (cost, own)
+
+
+def found_cost(block: ShootingProblem, costs: Floats) -> float:
+    """Cost a sample of windows whose states have been found, from that of each window."""
+    return float(np.quantile(costs / np.diff(block.data.starts), FOUND_QUANTILE))
+
+
+def reinitialised(block: ShootingProblem, shared: Floats, own: Floats, most: float = math.inf) -> Floats:
+    """Own unknowns from first guesses and the pressure as stated, where that comes to a lower cost.
+
+    As they are where from first guesses windows whose states have been found cost ``most`` a sample or more.
+    """
+    free = replace(block, weight=FREE)
+    kept = block.state_count(own)
+    begun = estimate_by_labels(
+        free, shared, resized(first_states(block.data), block.windows, kept, 4, len(block.lines))
+    )
+    if found_cost(free, free.costs(shared, begun)[1]) >= most:
+        return own
+    begun = reinitialise_until_found(free, shared, begun)
+    begun = estimate_states(block, shared, block.rollout(shared, begun) if block.weight <= JOINED else begun)
+    return begun if block.cost(shared, begun) < block.cost(shared, own) else own
+
+
+def find_states(block: ShootingProblem, shared: Floats, guess: Floats) -> Floats:
+    """Own unknowns from a first guess: the states by the labels, until no window stands out, then all of them.
+
+    Windows in which the motion is still another one would have any pressure.
+    """
+    return reinitialise_until_found(block, shared, estimate_by_labels(block, shared, guess))
+
+
+def estimate_by_labels(block: ShootingProblem, shared: Floats, guess: Floats) -> Floats:
+    """Own unknowns from a first guess, with what is doubtful about the labels as good as held."""
+    return estimate_states(replace(block, label_precision=LABELLED), shared, guess)
+
+
+def reinitialise_until_found(block: ShootingProblem, shared: Floats, own: Floats) -> Floats:
+    """Own unknowns from such, windows reinitialised until none stands out."""
+    labelled, before = replace(block, label_precision=LABELLED), math.inf
+    cost, costs = labelled.costs(shared, own)
+    while cost < PROGRESS * before:
+        before, (cost, own) = cost, with_windows_reinitialised(labelled, shared, own, cost, costs)
+        costs = labelled.costs(shared, own)[1]
+    return estimate_states(block, shared, own)
+
+
+def estimate_states(block: ShootingProblem, shared: Floats, own: Floats, steps: int = 15) -> Floats:
+    """Own unknowns after Levenberg-Marquardt steps of their own."""
+    cost = block.cost(shared, own)
+    return fit_states(block, shared, own, cost, steps)[1] if math.isfinite(cost) else own
+
+
+def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float, steps: int) -> tuple[float, Floats]:
+    """The same from a known cost, with the cost after them."""
+    damping, part = 1e-3, None
+    samples = block.samples
+    for _ in range(steps):
+        part = block.quadratic(shared, own, fixed=True) if part is None else part
+        move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
+        little = max(0.5, 1e-3 * (cost - 0.5 * samples))
+        if -0.5 * float(part.by_own @ move) < little:
+            break
+        after, at = line_search(block, shared, own, move, cost)
+        if after < cost:
+            cost, own, damping, part = after, at, 0.1 * damping, None
+        else:
+            damping *= 30.0
+    return cost, own
