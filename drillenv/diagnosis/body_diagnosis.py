@@ -24,12 +24,11 @@ from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import Step, forward
 from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.terms import ModelStructure
+from drillenv.diagnosis.thresholds import NOISY
 from drillenv.recordings import Campaign, QualityFinding
 
 FEWEST, PARTS = 3, 6
 """Recordings below which each is judged in so many parts."""
-NOISY = 0.5
-"""Noise over signal from which there is nothing to diagnose."""
 
 
 def diagnose_body(
@@ -164,7 +163,7 @@ def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object])
         fitted = best[0]
         say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
         for each in best[1]:
-            values = fitted.values_of(each.name)
-            named = Named(each.effect, each, [], (each, values))
-            found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted))
+            values, others = fitted.values_of(each.name), without(fitted, (each,))
+            named, gain = Named(each.effect, each, [], (each, values)), fitted.refit(*others).cost - fitted.cost
+            found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted, gain=gain))
     return fitted, found

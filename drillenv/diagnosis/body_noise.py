@@ -15,6 +15,7 @@ from drillenv.diagnosis.body_rig import BodyRig
 from drillenv.diagnosis.noise import peak_offset
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Term
+from drillenv.diagnosis.thresholds import SPOKEN_OF
 
 ROUNDS = 4
 """Of the estimate of the noise and the richest model's fit."""
@@ -26,8 +27,6 @@ MOST_LINES = 4
 SHORTEST, MOVES = 128, 0.05
 """Rows of a recording in which a frequency is looked for, and the share of the power of the speed from which it is the
 motion's own."""
-LINE = 0.2
-"""Share of what is left that a line must have to be spoken of."""
 
 
 def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
@@ -113,7 +112,7 @@ def line(body: Body, left: Floats) -> tuple[float, float] | None:
     """
     signal = np.where(body.keep, left, 0.0)
     tone = strongest_line(signal, body.rate / body.every)
-    if tone is None or tone[1] < LINE:
+    if tone is None or tone[1] < SPOKEN_OF:
         return None
     for motion in (body.velocity, np.abs(body.velocity) - np.abs(body.velocity).mean()):
         power = np.abs(np.fft.rfft(motion * np.hanning(motion.size))) ** 2

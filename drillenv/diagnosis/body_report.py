@@ -27,13 +27,11 @@ from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, interpolate
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, SURELY, TINY, WELL_EXPLAINED
+from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, STRUCK, SURELY, TINY, WELL_EXPLAINED
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.recordings import Campaign, QualityFinding
 
-STRUCK = 1.3
-"""Mean square over the noise from which a recording differs from the law."""
 ARGUMENTS = {
     SPRING: ("position", "m"),
     DAMPER: ("velocity", "m/s"),

@@ -32,7 +32,7 @@ USUAL, PRESSED = 20.0, 2.0
 """A flight comes down to within so many standard deviations of the noise of where this per cent of them do."""
 SHORTEST, LONGEST = 0.6, 1.4
 """Excitation periods between which a window's length is, where there is a flight to end it."""
-GRID = 4
+MULTIPLE = 4
 """Windows begin and end at samples that this divides, so that they do at those that are left of a recording too."""
 ENOUGH = 12e3
 """Hz from which a recording is sampled densely enough: what the rock and the coupling do is over by a few kHz."""
@@ -40,7 +40,7 @@ ROLL_OFF, LOBES = 0.5, 6
 """Of the filter by which a recording is thinned: the excess of its band, and samples on either side that it takes."""
 LONGEST_LAG = 1e-3
 """Seconds by which a channel may lag to be told at once."""
-EVIDENT, ALIKE = 2.0, 1.0
+EVIDENT, APART = 2.0, 1.0
 """Samples that a lag has at least to be told at once, and by which those of the recordings differ at most."""
 RESOLUTION = 1e-4
 """Of a channel's standard deviation, the least noise that it is judged by: no sensor of a rig is better."""
@@ -337,7 +337,7 @@ def common_lag(data: Sequence[Conditioned], rig: Rig) -> float:
         angle = each.phase + each.omega * np.arange(force.size) / each.rate
         lags.append(lag(rig, each.setting, force, acceleration, angle, each.rate))
     usual, sample = float(np.median(lags)), max(1.0 / each.rate for each in data)
-    alike = np.max(np.abs(np.array(lags) - usual)) <= ALIKE * sample
+    alike = np.max(np.abs(np.array(lags) - usual)) <= APART * sample
     return usual if alike and abs(usual) >= EVIDENT * sample else 0.0
 
 
@@ -540,8 +540,8 @@ def window_starts(off: np.ndarray, last: int, size: int, period: float, fresh: b
     """
     lengths = off[:, 1] - off[:, 0]
     # near the end of the flight: what is left of it is read back from the coming contact
-    places = (off[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, lengths // 3)) // GRID * GRID
-    end = min(size, int(last) + SHORTEST_FLIGHT) // GRID * GRID
+    places = (off[:, 1] - np.maximum(SHORTEST_FLIGHT // 2, lengths // 3)) // MULTIPLE * MULTIPLE
+    end = min(size, int(last) + SHORTEST_FLIGHT) // MULTIPLE * MULTIPLE
     chosen: list[int] = []
     reach = (0.0, LONGEST) if not fresh else (SHORTEST, LONGEST)
     now = 0

@@ -58,7 +58,7 @@ STRETCH = 16
 periods, in which a rig that runs repeats itself several times."""
 CORES = 2
 """Recordings that are fitted side by side where nobody says how many."""
-FEW = 4
+FEW_RECORDINGS = 4
 """Recordings, at most, of which none is kept out of the fit: what one alone shows would else not be fitted."""
 
 
@@ -309,7 +309,7 @@ def held_out(data: Sequence[Any]) -> set[int]:
     against a fit to the others.
     """
     running = [i for i, each in enumerate(data) if not each.fresh]
-    count = len(data) // 4 if len(data) > FEW else 0
+    count = len(data) // 4 if len(data) > FEW_RECORDINGS else 0
     if count == 0 or len(running) < count + 2:
         return set()
     frequencies = [each.setting.frequency for each in data]

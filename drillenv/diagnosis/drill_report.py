@@ -31,6 +31,7 @@ from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import LARGEST_LOG
+from drillenv.diagnosis.thresholds import SILENT, STRUCK_DRILL
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.hybrid import vector_field as V
@@ -41,8 +42,6 @@ from drillenv.rocks import Rock
 OF_ROCK, OF_SHAKER = {"loading_stiffness", "unloading_stiffness"}, {"shaker_mass", "pressure_gain"}
 """Constants of the contact, and of the force balance of the shaker; others are of both masses or of the indenter."""
 CELLS = ("no contact", "loading", "unloading")
-SILENT = 0.7
-"""Share of a constant's stated standard deviation that is left of it where the recordings say nothing."""
 KNOTS = 40
 """Of a measured law in a model."""
 
@@ -218,7 +217,7 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
             "recordings": [each.name for each in outcome.fit_data],
             "summary": "Constants that are off by several of their tolerances explain all of it.",
         }
-    struck = sorted({each["recording"] for each in cells if each["mean_square"] > 1.1})
+    struck = sorted({each["recording"] for each in cells if each["mean_square"] > STRUCK_DRILL})
     if outcome.steps and outcome.verdict == "missing-physics":
         effects = [REGISTRY[step.named.mechanism] for step in outcome.steps]
         return {

@@ -9,15 +9,12 @@ import numpy as np
 
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Equation
-from drillenv.diagnosis.naming import MOST
 from drillenv.diagnosis.score_tests import ScoreTests
 from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Term
+from drillenv.diagnosis.thresholds import EQUAL, MOST_OF_LAW
 from drillenv.dynamics.effects import Effect
-
-EQUAL = 5.0
-"""Log-likelihood by which two families must differ to be told apart."""
 
 
 def deviations(fitted: Fitted) -> Floats:
@@ -59,9 +56,10 @@ def equivalents(step: Step) -> list[str]:
     A law that follows no equation is as well of any other mechanism whose equation explains most of it.
     """
     nearest = step.named.nearest
-    most = (
-        MOST * step.gain if step.named.equation is None else min(worse for _, worse in nearest or [(None, 0.0)]) + EQUAL
-    )
+    if step.named.equation is None:
+        most = MOST_OF_LAW * step.gain
+    else:
+        most = min((worse for _, worse in nearest), default=0.0) + EQUAL
     named = {equation.effect for equation, worse in nearest if worse < most}
     close = [family for family, other in step.rivals if other.cost - step.found < EQUAL and not family.constant]
     alike = named | {family.mechanism for family in close}

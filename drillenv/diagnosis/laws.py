@@ -14,6 +14,7 @@ from drillenv.diagnosis.equations import GRIPS, acts_at, grips_of, has_states, p
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes, interpolate
 from drillenv.diagnosis.terms import DRIVE_PHASE, Law, Model, ModelStructure, OperatingPoint, Term, Unknown
+from drillenv.diagnosis.thresholds import STRAIGHT_END, YIELDING
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
     DAMPER,
@@ -81,12 +82,8 @@ MOUNT_LAW = "mount law"
 """The family that corrects a mount, where there is one."""
 HARDENING, SATURATING = "hardening spring", "saturating spring"
 """What a spring's law may be."""
-YIELDING = 0.5
-"""Share of a spring's tangent stiffness that is left where it is deflected most, below which its force saturates."""
 CURVED, SOFT_LAYER = "contact law", "soft layer"
 """What a contact's law may be."""
-STRAIGHT_END = 0.05
-"""Change of a contact's stiffness from the last sixth but one of its force to the last, up to which it is straight."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ LOW_END = 5
 """Part of the range of a law beyond rest, inverted, at whose low end it is taken to be none."""
 LEAST_LEAD, POWERS = 1e-3, (1.5, 9.0)
 """Share of a spring's range by which that begins beyond where it has no force, at least, and what powers laws have."""
-BINS, FEW = 40, 8
+BINS, FEWEST_SAMPLES = 40, 8
 """Of partial residuals, and samples in one at least."""
 ORDERS_SHOWN, OFF_ORDER = (1, 2, 3, 4, 5), 0.5
 """Orders of a hum, and Hz from one within which a line of the noise is it."""
@@ -320,7 +320,7 @@ def partial_residuals(fitted: Fitted, display: Shown, y: Floats) -> dict[str, li
     inside = (x >= edges[0]) & (x < edges[-1])
     at, left = np.digitize(x[inside], edges) - 1, left[inside]
     count = np.bincount(at, minlength=BINS)
-    some = count >= FEW
+    some = count >= FEWEST_SAMPLES
     mean = np.bincount(at, left, BINS)[some] / count[some]
     spread = np.sqrt(np.maximum(np.bincount(at, left**2, BINS)[some] / count[some] - mean**2, 0.0) / count[some])
     middle = 0.5 * (edges[1:] + edges[:-1])[some]

@@ -12,12 +12,7 @@ from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, penalty, with_wind
 from drillenv.diagnosis.laws import Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, NOISE_KNOWN
-
-MOST = 0.5
-"""Share of a law's gain that an equation may lack and still be said to explain most of it."""
-TENSE = 2.0
-"""Stated standard deviations from which a constant may be held back from where an equation would have it."""
+from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, MOST_OF_LAW, NOISE_KNOWN, TENSE
 
 
 @dataclass
@@ -112,7 +107,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     for equation, starts, worse in fitted.structure.rig.rivals(fitted, family):
         # once one does as well, others are tried that may do better, but none with states of its own: those are a
         # family too, which has been tried where it promised as much
-        least, stateful = MOST * gain if done else gain, equation.has_states and not family.has_states
+        least, stateful = MOST_OF_LAW * gain if done else gain, equation.has_states and not family.has_states
         if (tried and worse > least) or (done and stateful):
             continue
         fewer = family.size - len(equation.unknowns)
@@ -121,7 +116,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
             start = np.concatenate([constants, kept[constants.size :], values])
             other = fit_equation(fitted, structure, start, gain)
             as_well = does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
-            if not as_well and other.cost - fitted.cost < MOST * gain:
+            if not as_well and other.cost - fitted.cost < MOST_OF_LAW * gain:
                 other = with_constant_freed(other, equation)
                 as_well = does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
@@ -148,6 +143,6 @@ def named_by_law(named: Named, fitted: Fitted, family: Family, gain: float) -> N
         return named
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
     nearest, worse = named.nearest[0]
-    by_nearest = nearest.effect if worse < MOST * gain else ""
+    by_nearest = nearest.effect if worse < MOST_OF_LAW * gain else ""
     mechanism, *alike = fitted.structure.rig.mechanisms_by_law(fitted, family, by_nearest)
     return replace(named, mechanism=mechanism, alike=tuple(alike))

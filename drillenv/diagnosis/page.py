@@ -27,11 +27,11 @@ from drillenv.dynamics.effects import REGISTRY
 
 VALUES = 210_000
 """Of all waveforms together: a page of about 6 MB, of which Plotly takes most."""
-MOST = 10_000
+MOST_SAMPLES = 10_000
 """Samples of one waveform: more than a screen shows, and few enough to zoom without a wait."""
 FEWEST = 500
 """However many recordings there are."""
-POINTS = 240
+RESIDUAL_POINTS = 240
 """Of the curve that says how the residual goes along a recording."""
 WIDTH = 20
 """Parts of a recording, over each of which that curve is a mean: some periods, or it would show every blow."""
@@ -156,7 +156,7 @@ def _series(trace: Trace) -> list[np.ndarray]:
 def _drawn(waves: Sequence[Wave]) -> list[dict[str, Any]]:
     """What page.js needs of each recording."""
     count = sum(1 + len(_series(trace)) for wave in waves for trace in wave.traces)
-    least = max(FEWEST, min(MOST, VALUES // max(count, 1)))
+    least = max(FEWEST, min(MOST_SAMPLES, VALUES // max(count, 1)))
     return [_wave(wave, least) for wave in waves]
 
 
@@ -226,7 +226,7 @@ def _stretch(wave: Wave, part: slice, count: int) -> slice:
 def _along(time: np.ndarray, trace: Trace) -> dict[str, Any]:
     """Root mean square of the residual over a window that moves along the whole recording."""
     count = max(1, time.size // WIDTH)
-    first = np.linspace(0, time.size - count, min(POINTS, time.size)).astype(int)
+    first = np.linspace(0, time.size - count, min(RESIDUAL_POINTS, time.size)).astype(int)
 
     def roots(series: np.ndarray | None) -> str | None:
         if series is None:

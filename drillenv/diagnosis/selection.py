@@ -16,20 +16,10 @@ from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
 from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.thresholds import (
-    CLOSE,
-    FAINT,
-    FALSE_ALARMS,
-    LAW_LEFT,
-    LEFT,
-    NEAR,
-    POSSIBLE,
-)
+from drillenv.diagnosis.thresholds import CLOSE, FAINT, FALSE_ALARMS, LAW_LEFT, LEFT, MOST_FAMILIES, NEAR, POSSIBLE
 
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
-MOST = 4
-"""Families, at most."""
 PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
 
@@ -129,7 +119,7 @@ def forward(
         say(f"score tests: {largest(scores, needed)}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
         step = None
-        if chosen and sum(not each.family.constant for each in steps) < MOST:
+        if chosen and sum(not each.family.constant for each in steps) < MOST_FAMILIES:
             step = best_step(fitted, chosen, level, say, named)
         if step is not None:
             add_step(steps, step)

@@ -20,6 +20,7 @@ from scipy.signal import cont2discrete, oaconvolve
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import OperatingPoint, Term, Unknown, mean_amplitude
+from drillenv.diagnosis.thresholds import NOT_LEVEL
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.rig import PUSH
 
@@ -42,8 +43,6 @@ GAINS = 2 * len(SLOW_CORNERS)
 ACCELEROMETER = "accelerometer response"
 RISING, FALLING, LEVEL = RESPONSES = "rising response", "falling response", "level response"
 """What the free response of an accelerometer may be."""
-NOT_LEVEL = 0.08
-"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +207,7 @@ def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float)
 
 
 @dataclass(frozen=True)
-class Law(Sensor):
+class Response(Sensor):
     """A law of a few numbers: what is read of force and acceleration, (..., n) each, at a rate in Hz."""
 
     law: Callable[[Floats, Floats, Floats, float], tuple[Floats, Floats]] = _inertia
@@ -451,14 +450,14 @@ def _parts(rings: Sequence[float]) -> tuple[Unknown, ...]:
     return _free(smooth, 0.2) + _free([f"ring {each:.0f} Hz {part}" for each in rings for part in parts], 0.1)
 
 
-def free_response(rings: Sequence[float]) -> Law:
+def free_response(rings: Sequence[float]) -> Response:
     """Any response of an accelerometer that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
-    return Law(ACCELEROMETER, _parts(rings), 1, law=partial(_response, tuple(rings)))
+    return Response(ACCELEROMETER, _parts(rings), 1, law=partial(_response, tuple(rings)))
 
 
-def free_cell(rings: Sequence[float]) -> Law:
+def free_cell(rings: Sequence[float]) -> Response:
     """A load cell of any such response that carries a mass."""
-    return Law("load cell response", CELL_MASSES + _parts(rings), 0, law=partial(_cell, tuple(rings)))
+    return Response("load cell response", CELL_MASSES + _parts(rings), 0, law=partial(_cell, tuple(rings)))
 
 
 def added(
@@ -501,7 +500,7 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     found: list[Sensor] = []
     for free, law, widths, at in table:
         name = mechanism_of_law(free)
-        found.append(Law(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, name, law))
+        found.append(Response(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, name, law))
     coupled = mechanism_of_law("high-pass")
     corners = _own(coupled, {"corner_f": 0.05, "corner_a": 0.05}, {"corner_f": 0.5, "corner_a": 0.5})
     found.append(Coupling(coupled, (*corners, *_charges(names)), 3, effect=coupled, names=tuple(names)))
@@ -523,9 +522,9 @@ def sensor_families(
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     found: list[tuple[str, str, Sensor]] = [
         (ACCELEROMETER, "", free_response(_resonators(8, rate))),
-        ("lag", "", Law("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
+        ("lag", "", Response("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
-        ("load cell", "", Law("load cell", CELL_MASSES, 0, law=_inertia)),
+        ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
         ("load cell", " with a response of its own", free_cell(_resonators(8, rate))),
         ("offset", "", added(names)),
         ("offset", " that drifts", added(names, degree=1)),
@@ -533,7 +532,7 @@ def sensor_families(
         *(("hum", f" {line:g} Hz with overtones", added(names, line, OVERTONES)) for line in (50.0, 60.0)),
         *(("hum", f" {line:g} Hz that swells", added(names, line, (1,), degree=2)) for line in lines),
         ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
-        ("crosstalk", "", Law("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
+        ("crosstalk", "", Response("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]
     if rings:
         found += [(ACCELEROMETER, f" {each:.0f} Hz", free_response((each,))) for each in _resonators(24, rate)]

@@ -65,3 +65,26 @@ AT_REST_FORCE = 0.05
 """Share of a usual peak that the force of an indenter at rest against the rock has not reached at the first sample."""
 AT_REST_SPEED = 0.12
 """m/s at the first peak of the force that errors of the sensors leave of the speed of a rig that was at rest."""
+MOST_OF_LAW = 0.5
+"""Share of a law's gain that an equation may lack and still be said to explain most of it."""
+TENSE = 2.0
+"""Stated standard deviations from which a constant may be held back from where an equation would have it."""
+EQUAL = 5.0
+"""Log-likelihood by which two families must differ to be told apart."""
+SILENT = 0.7
+"""Share of a constant's stated standard deviation that is left of it where the recordings say nothing."""
+YIELDING = 0.5
+"""Share of a spring's tangent stiffness that is left where it is deflected most, below which its force saturates."""
+STRAIGHT_END = 0.05
+"""Change of a contact's stiffness from the last sixth but one of its force to the last, up to which it is straight."""
+NOT_LEVEL = 0.08
+"""Change of a gain from which a response is not level: a tenth, less what a free response is off."""
+STRUCK, STRUCK_DRILL = 1.3, 1.1
+"""Mean square over the noise from which a recording is said to differ from the model, of a single body and of the
+drill, whose residuals are many more."""
+SPOKEN_OF = 0.2
+"""Share of what is left that a line must have to be spoken of."""
+NOISY = 0.5
+"""Noise over signal from which there is nothing to diagnose."""
+MOST_FAMILIES = 4
+"""Families, at most."""

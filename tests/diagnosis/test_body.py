@@ -295,6 +295,8 @@ def test_two_at_once():
     record = diagnose_body(campaign_of(made, ("coulomb", "damping"))).record
     found = {each["mechanism"]: each["parameters"] for each in record["findings"]}
     assert found.keys() == {"dry-friction", "viscous-damping"}
+    # each has a gain of its own, and not that of both together
+    assert len({each["evidence"]["gain"] for each in record["findings"]}) == 2
     assert found["dry-friction"]["fc"]["value"] == pytest.approx(made.friction, rel=0.02)
     assert found["viscous-damping"]["d"]["value"] == pytest.approx(made.truth["damping"], rel=0.02)
 
