@@ -7,7 +7,7 @@ JOBS ?= 2
 CANDIDATES := python3 python3.14 python3.13 python3.12 python3.11 python
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON ?= $(shell for p in $(CANDIDATES); do $$p -c '$(NEW_ENOUGH)' >/dev/null 2>&1 && echo $$p && break; done)
-INSTALL := $(BIN)/python -m pip install -qq --no-input --disable-pip-version-check --progress-bar off
+INSTALL := $(BIN)/python -m pip install -qq --no-compile --no-input --disable-pip-version-check --progress-bar off
 
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -68,18 +69,23 @@ def decimated(signals: Floats, kernel: Floats | None, fine: int, thinned: int) -
     """Signals (..., n) through the logger's centred kernel, at one in ``fine``, and thinned as the recording was."""
     if kernel is None:
         return thin(signals[..., ::fine], thinned)
+    over = fine * thinned
+    rows = np.ascontiguousarray(signals).reshape(-1, signals.shape[-1])
+    made = np.empty((len(rows), rows.shape[1] // over))
+    _filter_decimate(rows, _reversed_taps(kernel.tobytes(), fine, thinned), over, made)
+    return made.reshape(*signals.shape[:-1], made.shape[1])
+
+
+@lru_cache(maxsize=64)
+def _reversed_taps(kernel: bytes, fine: int, thinned: int) -> Floats:
+    """The logger's kernel and that of thinning in one, reversed, with whole samples on either side of its middle."""
     taps = thinning(thinned)
     spread = np.zeros(fine * (taps.size - 1) + 1)
     spread[::fine] = taps
-    whole = np.convolve(kernel, spread)
+    whole = np.convolve(np.frombuffer(kernel), spread)
     over = fine * thinned
-    # as many whole samples on either side of the middle
     reach = math.ceil((whole.size // 2) / over)
-    whole = np.pad(whole, reach * over - whole.size // 2)
-    rows = np.ascontiguousarray(signals).reshape(-1, signals.shape[-1])
-    made = np.empty((len(rows), rows.shape[1] // over))
-    _filter_decimate(rows, whole[::-1].copy(), over, made)
-    return made.reshape(*signals.shape[:-1], made.shape[1])
+    return np.pad(whole, reach * over - whole.size // 2)[::-1].copy()
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "nsz", "contract"})
@@ -197,7 +203,7 @@ class ShootingProblem(RecordingProblem):
                   rollout: bool = False) -> Raw:  # fmt: skip
         """Simulate all windows, with derivatives by own states and columns where ``varied`` says by which.
 
-        ``own`` as the solver has it.
+        ``own`` as the solver has it; with ``rollout`` states go on from window to window, but for the indenter's.
         """
         data, n, kept = self.data, self.data.force.size * self.over, self.state_count(own)
         given, states = (varied.columns, kept) if varied is not None else ((), 0)
@@ -216,16 +222,17 @@ class ShootingProblem(RecordingProblem):
         except NotSmoothError:
             # parameters with which a law is no curve any more
             return raw_of(shot, shot.ends, states, False)
+        begin = self.begun(own, model)
         columns = columns_of(given, labelled, axes, made, states)
         begin_by = np.zeros((self.windows, count, OWN))
         if varied is not None:
             begin_by[:, :states, :kept] = varied.by_own.transpose(0, 2, 1)
             begin_by[:, states:, :kept] = varied.by_column
-        windows = Windows(self.starts, self.begun(own, model), begin_by, self.point.rate, data.phase + made.phase,
+        windows = Windows(self.starts, begin, begin_by, self.point.rate, data.phase + made.phase,
                           impacts, rollout, self.stride, GRAZING)  # fmt: skip
         status, _impacts = shoot(made.model, fresh_motion(made.model).d, TOLERANCE, windows, columns, shot,
                                  make_variation(made.model, count), make_scratch(made.model))  # fmt: skip
-        return raw_of(shot, windows.begin if rollout else shot.ends, states, status == WENT_ON)
+        return raw_of(shot, begin, states, status == WENT_ON)
 
     def path(self, model: Model, own: Floats) -> Floats:
         """(OWN, n) states along the motion, from the first window to the last, at the integrator's steps."""
@@ -285,7 +292,7 @@ class ShootingProblem(RecordingProblem):
         # states from which a motion runs away cost more than numbers can say
         with np.errstate(over="ignore", invalid="ignore"):
             full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
-            defects = (self.defects(raw, own, model) ** 2).sum(axis=1)
+            defects = (self.defects(raw, self.state_count(own)) ** 2).sum(axis=1)
             unsettled = float(self.air_prior(own) @ own) ** 2
             total = 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2 + unsettled)
         if not math.isfinite(total):
@@ -351,7 +358,7 @@ class ShootingProblem(RecordingProblem):
         """Own unknowns with which all states go on from window to window, but for the indenter's."""
         values, kept = shared * self.widths, self.state_count(own)
         model = self.structure.model(values, self.point)
-        begin = self.integrate(model, own, rollout=True).ends
+        begin = self.integrate(model, own, rollout=True).begin
         return np.append(self.owned(begin, self.labelled(own, model), kept).ravel(), own[self.windows * kept :])
 
     def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
@@ -374,11 +381,9 @@ class ShootingProblem(RecordingProblem):
         """Signals (..., fine) through a logger's kernel, None for none, at its samples."""
         return decimated(signals, kernel, self.fine, self.data.thinned)
 
-    def defects(self, raw: Raw, own: Floats, model: Model) -> Floats:
+    def defects(self, raw: Raw, kept: int) -> Floats:
         """(windows - 1, kept) residuals of the continuity constraints."""
-        kept = self.state_count(own)
-        begin = self.begun(own, model)[:, :kept]
-        return (begin[1:] - raw.ends[:-1, :kept]) / self.continuity(kept)
+        return (raw.begin[1:, :kept] - raw.ends[:-1, :kept]) / self.continuity(kept)
 
     def continuity(self, kept: int) -> Floats:
         """(kept,) standard deviations with which windows go on from each other.

@@ -23,6 +23,9 @@ from drillenv.dynamics.hybrid.model import Placed, assemble, law_table
 from drillenv.dynamics.hybrid.sensitivity import LAW, STATE, Columns
 from drillenv.dynamics.hybrid.shooting import Shot
 
+OWNED = ((V.MOUNT_SQUARE,), (V.AIR_RATE,), (V.DRIVE_LAG,), (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION), (V.GRIP1,),
+         (V.GRIP2,), (V.BRISTLES1,), (V.BRISTLES2,))  # fmt: skip
+"""Scalars by which an effect acts, in the order of its owners in the engine."""
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
 
@@ -66,8 +69,10 @@ class Raw(NamedTuple):
     """(kept, 2, fine samples) by own unknowns of the same window."""
     by_column: Floats
     """(columns, 2, fine samples)"""
+    begin: Floats
+    """(windows, OWN) states at the beginnings of windows."""
     ends: Floats
-    """(windows, OWN) states at the ends of windows, or at their beginnings where these were chained."""
+    """(windows, OWN) states at their ends."""
     ends_by_state: Floats
     """(windows, kept, OWN)"""
     ends_by_column: Floats
@@ -76,10 +81,11 @@ class Raw(NamedTuple):
     """Whether the motion could be followed to the end."""
 
 
-def raw_of(shot: Shot, ends: Floats, states: int, good: bool) -> Raw:
-    """What the engine has written, of which the first columns are those by states."""
+def raw_of(shot: Shot, begin: Floats, states: int, good: bool) -> Raw:
+    """What the engine has written, of which the first columns are those by states, of windows that so began."""
     by, ends_by = shot.by_column, shot.ends_by_column
-    return Raw(shot.said, shot.path, by[:states], by[states:], ends, ends_by[:, :states], ends_by[:, states:], good)
+    ends = shot.ends, ends_by[:, :states], ends_by[:, states:]
+    return Raw(shot.said, shot.path, by[:states], by[states:], begin, *ends, good)
 
 
 @functools.lru_cache(maxsize=512)
@@ -132,17 +138,15 @@ def assembled(model: Model, axes: Axes, omega: float, wanted: Sequence[int] = ()
     _set_waves(s, model)
     laws = [
         Placed(place, int(place == UNLOADING), table_of(model.free[place], axes, place), 0)
-        for place in range(len(PLACES))
-        if place in wanted or np.any(model.free[place])
+        for place, bends in enumerate(model.free.any(axis=1).tolist())
+        if place in wanted or bends
     ]
     count, k = len(laws), float(s[V.K])
     for law in model.laws:
         laws += [Placed(*each, 0) for each in equation_tables(law.effect, law.form, law.parameters, k)]
     places = [law.place for law in laws]
     s[V.PULLS] = RATE_FORCE in places or RATE_FACTOR in places
-    owned = (V.MOUNT_SQUARE, V.AIR_RATE, V.DRIVE_LAG, (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION), V.GRIP1, V.GRIP2,
-             V.BRISTLES1, V.BRISTLES2)  # fmt: skip
-    s[V.BY_MOUNT : V.BY_MOUNT + len(owned)] = [0.0 if np.any(s[list(np.atleast_1d(at))]) else -1.0 for at in owned]
+    s[V.BY_MOUNT : V.BY_MOUNT + len(OWNED)] = [0.0 if any(s[at] for at in each) else -1.0 for each in OWNED]
     s[V.EFFECTS] = 1.0
     made = assemble(s, laws)
     # the engine has the shapes of the contact first

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -100,7 +102,7 @@ class Model:
 
     def bends(self, place: int) -> bool:
         """Whether any law acts at a place."""
-        return bool(np.any(self.free[place])) or any(place in acts_at(e.effect, e.form)[0] for e in self.laws)
+        return bool(self.free[place].any()) or any(place in acts_at(e.effect, e.form)[0] for e in self.laws)
 
 
 class Unknown(NamedTuple):
@@ -207,20 +209,25 @@ class ModelStructure:
     scope: Scope | None = None
     """What families are searched; all where None."""
 
-    @property
+    @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
         """The parameters of all terms, in their order."""
         return tuple(each for term in self.terms for each in term.unknowns)
 
-    @property
+    @cached_property
     def widths(self) -> Floats:
         """Their units in the solver."""
         return np.array([each.width for each in self.unknowns])
 
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Where the parameters of each term are among all."""
+        ends = list(accumulate((len(term.unknowns) for term in self.terms), initial=0))
+        return [slice(first, after) for first, after in pairwise(ends)]
+
     def split(self, values: Floats) -> list[Floats]:
         """Parameters of each term."""
-        ends = np.cumsum([len(term.unknowns) for term in self.terms])
-        return np.split(values, ends[:-1])
+        return [values[part] for part in self.parts]
 
     def model(self, values: Floats, point: OperatingPoint) -> Model:
         """Of a recording, at values of the parameters in their own units."""
