@@ -31,7 +31,8 @@ class Step:
     family: Family
     gain: float
     freedom: int
-    before: Fitted
+    samples: int
+    """Of the fit by which it was found."""
     after: Fitted
     named: Named
     terms: tuple[Term, ...]
@@ -49,7 +50,7 @@ class Step:
 
     def gain_in(self, fitted: Fitted) -> float:
         """About the gain in as many samples as another fit has."""
-        return self.gain * fitted.samples / self.before.samples
+        return self.gain * fitted.samples / self.samples
 
 
 def with_family(fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0) -> Fitted:
@@ -456,7 +457,7 @@ def accept(
     named = Named(family.mechanism, None, [])
     gain = max(fitted.cost - found.cost, 1.0)
     pending = not (correction or family.constant)
-    step = Step(family, gain, freedom, fitted, found, named, family.terms, [], pending=pending)
+    step = Step(family, gain, freedom, fitted.samples, found, named, family.terms, [], pending=pending)
     return identify_equation(found, step, say)
 
 

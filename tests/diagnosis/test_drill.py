@@ -10,7 +10,7 @@ from drillenv import Rig
 from drillenv.diagnosis import drill
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
-from drillenv.diagnosis.drill_unknowns import MASSES, first_states
+from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized
 from drillenv.diagnosis.fitting import FREE, JOINED
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -28,6 +28,20 @@ def plain():
     block = replace(nominal_block(campaign, condition(campaign.recordings[0], Rig())), weight=1.0)
     shared = np.array([each.value / each.width for each in block.structure.unknowns])
     return block, shared, block.estimate_states(shared, block.rollout(shared, first_states(block.data)))
+
+
+def test_states_stay_what_they_are_beside_many_lines(plain):
+    """As many amplitudes of lines as states of as many windows again."""
+    block, shared, _own = plain
+    data = block.data.first(3)
+    noise = tuple(replace(each, lines=(150.0, 210.0, 330.0, 510.0)) for each in block.noise)
+    problem = replace(block, data=data, noise=noise)
+    own = resized(first_states(data), 3, MASSES, MASSES, len(problem.lines))
+    own[-len(problem.lines) :] = np.arange(len(problem.lines))
+    assert len(problem.lines) >= 5 * problem.windows
+    other, kept = problem.under(problem.structure, own)
+    assert np.array_equal(kept, own)
+    assert other.cost(shared, kept) == problem.cost(shared, own)
 
 
 def with_law(plain, group):
