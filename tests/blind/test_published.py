@@ -7,6 +7,7 @@ import pytest
 
 from drillenv.blind import marking
 from drillenv.blind.campaigns import make_campaign, plan
+from drillenv.blind.detection import detection_curves, table
 from drillenv.blind.seal import digest
 
 ROOT = Path(__file__).parents[2]
@@ -97,6 +98,20 @@ def test_trials_of_single_bodies_and_of_nulls_are_told_as_they_were(folder):
         assert f"| {name} | {right['of']} | {right['hits']} | {named['hits']} | {group['seconds_median']:.0f} |" in page
 
 
+def test_detection_curves_are_told_as_they_were():
+    page, marks = (TRIAL / "README.md").read_text(encoding="utf-8"), []
+    for folder in sorted((TRIAL / "curves").iterdir()):
+        record = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+        assert str(record["seed"]) == folder.name and f"--curves --seed {folder.name}" in page
+        assert digest((folder / "answers.json").read_bytes()) == record["answers_sha256"]
+        assert record["answers_sha256"] in page
+        assert json.loads(json.dumps(detection_curves(record["marks"]))) == record["curves"]
+        marks += record["marks"]
+    assert table(detection_curves(marks)) in page
+    falsely = sum(bool(mark["false"]) for mark in marks)
+    assert f"In {falsely} of {len(marks)} campaigns" in page
+
+
 @pytest.mark.slow
 def test_the_seed_gives_these_campaigns(record, answers):
     """Another processor may round the last digit otherwise, so samples are compared by what is missing in them."""
@@ -113,11 +128,11 @@ def test_the_seed_gives_these_campaigns(record, answers):
 
 def test_the_alternatives_are_told_as_they_were():
     pytest.importorskip("pysindy")
-    from benchmarks.alternatives.tables import table
+    from benchmarks.alternatives import tables
 
     (file,) = (TRIAL / "earlier").glob("*/alternatives.json")
     compared = json.loads(file.read_text(encoding="utf-8"))
     page = (TRIAL / "README.md").read_text(encoding="utf-8")
     assert file.parent.name in json.dumps(compared["trial"])
-    for line in table(compared).splitlines():
+    for line in tables.table(compared).splitlines():
         assert line in page
