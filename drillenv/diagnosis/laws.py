@@ -307,6 +307,7 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     }
     for place, values in ((SPRING, y), (SPRING_FROM_REST, beyond)):
         low, high = span(values)
+        high = max(high, low + LEAST)
         ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
     u, giving = (np.concatenate([p[i] for p in paths]) for i in (V.U, V.UD))
     given = max(float(np.percentile(np.abs(u), 99.8)), LEAST)

@@ -172,9 +172,10 @@ def settle(site: Site, setting: Setting, starts: str, base: ModelStructure) -> S
     # white noise loses by thinning what it does in a diagnosis
     less = 1.0 / math.sqrt(data.thinned)
     noise = tuple(NoiseModel(less * std, 0.0, (), data.rate) for std in site.noise[1:])
-    block = ShootingProblem(data, base, JOINED, (noise[0], noise[1]))
+    problem = ShootingProblem(data, base, JOINED, (noise[0], noise[1]))
     shared = priors_of(base).centre
-    own = block.estimate_states(shared, first_states(data), SETTLING)
+    block, own = problem.under(base, first_states(data))
+    own = block.estimate_states(shared, own, SETTLING)
     cost = block.cost(shared, own)
     return Settled(setting, starts, block, own) if cost < LEFT_OVER else None
 

@@ -179,8 +179,8 @@ def test_charges_of_a_coupling_without_a_corner_are_offsets(tmp_path):
     with ThreadPoolExecutor(2) as pool:
         plain = plain_fit(made, data, pool)
         family = next(each for each in DRILL.candidates(plain) if each.group == "high-pass")
-        fitted = with_family(plain, family, data, pool, CONVERGED)
-        found, other = name_law(data, fitted, family, plain.cost - fitted.cost, pool)
+        fitted = with_family(plain, family, CONVERGED)
+        found, other = name_law(fitted, family, plain.cost - fitted.cost)
     assert found.mechanism == "sensor-offset" and found.equation is not None
     values = other.values_of(found.equation.name).reshape(-1, 2)
     np.testing.assert_allclose(values, [*zeros.values()], atol=0.4)
