@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,8 @@ def looked_at(seed: int, campaigns: int) -> list[dict[str, Any]]:
         rng = np.random.default_rng((seed, index, 7))
         field = FIELDS[index % len(FIELDS)]
         wrong, name, share = with_wrong_label(campaign, field, rng)
-        as_it_is = [label.record for label in with_labels_corrected(campaign)[1]]
-        found = [label.record for label in with_labels_corrected(wrong)[1]]
+        as_it_is = [asdict(label) for label in with_labels_corrected(campaign)[1]]
+        found = [asdict(label) for label in with_labels_corrected(wrong)[1]]
         rows.append(
             {
                 "index": index,

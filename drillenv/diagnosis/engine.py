@@ -137,9 +137,9 @@ def assembled(model: Model, axes: Axes, omega: float, wanted: Sequence[int] = ()
     s[V.OMEGA], s[V.LONGEST] = omega, hybrid.LONGEST_SHARE * 2.0 * math.pi / omega
     _set_waves(s, model)
     laws = [
-        Placed(place, int(place == UNLOADING), table_of(model.free[place], axes, place), 0)
-        for place, bends in enumerate(model.free.any(axis=1).tolist())
-        if place in wanted or bends
+        Placed(place, int(place == UNLOADING), table_of(free, axes, place), 0)
+        for place, free in enumerate(model.free)
+        if place in wanted or free.any()
     ]
     count, k = len(laws), float(s[V.K])
     for law in model.laws:
