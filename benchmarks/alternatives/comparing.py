@@ -116,7 +116,7 @@ def alternatives(
     begun = Begun(fitted, known, held)
     found = {CONSTANTS: Answer(by_plain, scaled(plain, scale))}
     clock = time.process_time()
-    freely = error_left(followed(split.held, fitted_freely(fitted, pool), pool))
+    freely = error_left(followed(split.held, fitted_freely(fitted), pool))
     found[FREE] = Answer(by_plain + time.process_time() - clock, scaled(freely, scale))
     clock = time.process_time()
     made, error = by_sparse_regression(begun, rng)

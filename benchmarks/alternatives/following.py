@@ -177,7 +177,7 @@ def fitted_constants(split: Split, pool: Executor) -> Fitted:
     return plain_fit(split.campaign, [each.first(STRETCH) for each in split.fitted], pool)
 
 
-def fitted_freely(fitted: Fitted, pool: Executor) -> Fitted:
+def fitted_freely(fitted: Fitted) -> Fitted:
     """The same without the tolerances that the lab states: nothing but the recordings says what the constants are.
 
     Masses are kept: what all forces of a motion scale with, the motion does not tell.

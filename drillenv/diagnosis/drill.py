@@ -35,6 +35,7 @@ from drillenv.diagnosis.drill_unknowns import (
     STATE_WIDTHS,
     absent,
     resized,
+    states_under,
 )
 from drillenv.diagnosis.engine import Raw, Varied, assembled, columns_of, raw_of
 from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
@@ -260,8 +261,7 @@ class ShootingProblem(RecordingProblem):
         """The same under another model structure, weight and noise, and its own unknowns in their layout."""
         weight, noise = self.weight if weight is None else weight, self.noise if noise is None else noise
         other = replace(self, structure=structure, weight=weight, noise=noise)
-        size = OWN if any(term.has_states for term in structure.terms) else MASSES
-        return other, resized(own, self.windows, size, self.state_count(own), len(other.lines))
+        return other, resized(own, self.windows, states_under(structure), self.state_count(own), len(other.lines))
 
     def state_count(self, own: Floats) -> int:
         """States a window."""

@@ -17,14 +17,13 @@ import numpy as np
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
-from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized
+from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized, states_under
 from drillenv.diagnosis.fitting import FREE, GRADUAL, JOINED, OUTLYING, Fitted, priors_of
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.solver import Floats, Limits, minimise
 from drillenv.diagnosis.terms import Model
 from drillenv.diagnosis.thresholds import CLOSE
-from drillenv.dynamics.hybrid import vector_field as V
 
 PART = 4
 """Windows of a part of a recording that is drawn for an interval."""
@@ -79,9 +78,9 @@ def estimate_states_of(
 
     Of the ``beginning`` of the recording those of a fit are known.
     """
-    size = V.OWN if any(term.has_states for term in fitted.structure.terms) else 4
+    size = states_under(fitted.structure)
     windows = len(each.starts) - 1
-    own = resized(first_states(each), windows, size, 4, 0)
+    own = resized(first_states(each), windows, size, MASSES, 0)
     behind = slice(windows * size, windows * size + 2)
     if beginning is not None:
         states = beginning.block.states_of(beginning.own)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import cho_solve
 
-from drillenv.diagnosis.drill_unknowns import STATE_WIDTHS, first_states, resized
+from drillenv.diagnosis.drill_unknowns import MASSES, STATE_WIDTHS, first_states, resized
 from drillenv.diagnosis.fitting import FREE, JOINED
 from drillenv.diagnosis.solver import Floats, factor
 from drillenv.diagnosis.thresholds import CLOSE
@@ -139,7 +139,7 @@ def reinitialised(block: ShootingProblem, shared: Floats, own: Floats, most: flo
     free = replace(block, weight=FREE)
     kept = block.state_count(own)
     begun = estimate_by_labels(
-        free, shared, resized(first_states(block.data), block.windows, kept, 4, len(block.lines))
+        free, shared, resized(first_states(block.data), block.windows, kept, MASSES, len(block.lines))
     )
     if found_cost(free, free.costs(shared, begun)[1]) >= most:
         return own

@@ -10,8 +10,19 @@ import numpy as np
 
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.terms import Model
-from drillenv.dynamics.hybrid.vector_field import AIR_RATE, BENT1, BENT2, BRISTLES1, BRISTLES2, MOUNT_SQUARE, UD, Q, U
+from drillenv.diagnosis.terms import Model, ModelStructure
+from drillenv.dynamics.hybrid.vector_field import (
+    AIR_RATE,
+    BENT1,
+    BENT2,
+    BRISTLES1,
+    BRISTLES2,
+    MOUNT_SQUARE,
+    OWN,
+    UD,
+    Q,
+    U,
+)
 
 CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015, 0.015, 0.015])
 """Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
@@ -37,6 +48,11 @@ COUNT_LABEL = 0.4
 def first_states(data: Conditioned) -> Floats:
     """Own unknowns of a recording as conditioning guesses them."""
     return np.append((data.states / STATE_WIDTHS[:4]).ravel(), [0.0, 0.0])
+
+
+def states_under(structure: ModelStructure) -> int:
+    """States that a window has under a model structure: of the masses, or of a mount, the air and bristles too."""
+    return OWN if any(term.has_states for term in structure.terms) else MASSES
 
 
 def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, eliminated, minimise
+from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, eliminated, minimise, side_by_side
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
@@ -49,8 +49,7 @@ class Fitted:
 
     def each(self, evaluate: Callable, *more: Iterable) -> list[Any]:
         """What a function says of each recording and its own unknowns, and of what more there is of each."""
-        side_by_side: Callable = map if self.pool is None else self.pool.map
-        return list(side_by_side(evaluate, self.blocks, self.fit.own, *more))
+        return list(side_by_side(self.pool)(evaluate, self.blocks, self.fit.own, *more))
 
     def refit(
         self,
@@ -202,8 +201,7 @@ def fit_to(
     blocks, own = [block for block, _ in pairs], [one for _, one in pairs]
     samples = sum(each.samples for each in blocks)
     if states_first:
-        each: Callable = map if pool is None else pool.map
-        own = list(each(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
+        own = list(side_by_side(pool)(lambda block, x: block.estimate_states(shared, x, SETTLING), blocks, own))
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
     if fit.begun - fit.cost < limits.gain(fit.begun, samples):
         # what stands out did so before
@@ -266,7 +264,6 @@ def reinitialise_outliers(
 
     Of a block whose own unknowns have changed there is None.
     """
-    each: Callable = map if pool is None else pool.map
     sizes = [block.samples for block in blocks]
     usual = float(np.median(np.divide(fit.costs, sizes)))
     tried = [Attempt(cost > OUTLYING * usual * size, cost) for cost, size in zip(fit.costs, sizes, strict=True)]
@@ -274,6 +271,6 @@ def reinitialise_outliers(
     def begun(block: Any, own: Floats, attempt: Attempt, before: Attempt | None) -> Floats:
         return own if attempt.repeats(before) else block.reinitialise_outliers(fit.shared, own, attempt.outlying)
 
-    found = list(each(begun, blocks, fit.own, tried, failed))
+    found = list(side_by_side(pool)(begun, blocks, fit.own, tried, failed))
     same = [one is other for one, other in zip(found, fit.own, strict=True)]
     return found, [attempt if one else None for attempt, one in zip(tried, same, strict=True)]

@@ -137,6 +137,11 @@ def eliminated(part: Quadratic, damping: float) -> tuple[Floats, Floats, Floats,
     return part.by_shared - part.cross.T @ constant, part.shared - part.cross.T @ slope, constant, slope
 
 
+def side_by_side(pool: Executor | None) -> Callable:
+    """The ``map`` by which blocks are evaluated: of the pool, or one after the other where there is none."""
+    return map if pool is None else pool.map
+
+
 def minimise(
     blocks: Sequence[RecordingProblem],
     shared: Floats,
@@ -158,7 +163,7 @@ def minimise(
         samples: Residuals in all blocks, by which over-dispersion is told and the priors are weighed; 0 for not at all.
     """
     limits = limits or Limits()
-    each: Callable = map if pool is None else pool.map
+    each = side_by_side(pool)
     shared, own = np.clip(shared, priors.low, priors.high), list(own)
     costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
     if not math.isfinite(sum(costs)):
