@@ -15,7 +15,7 @@ from drillenv.diagnosis.body_rig import BodyRig
 from drillenv.diagnosis.noise import peak_offset
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.thresholds import SPOKEN_OF
+from drillenv.diagnosis.thresholds import REPORTED_LINE
 
 ROUNDS = 4
 """Of the estimate of the noise and the richest model's fit."""
@@ -112,7 +112,7 @@ def line(body: Body, left: Floats) -> tuple[float, float] | None:
     """
     signal = np.where(body.keep, left, 0.0)
     tone = strongest_line(signal, body.rate / body.every)
-    if tone is None or tone[1] < SPOKEN_OF:
+    if tone is None or tone[1] < REPORTED_LINE:
         return None
     for motion in (body.velocity, np.abs(body.velocity) - np.abs(body.velocity).mean()):
         power = np.abs(np.fft.rfft(motion * np.hanning(motion.size))) ** 2

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from drillenv.diagnosis.coupling import damping_at, slope_from_rest, spring_slope
 from drillenv.diagnosis.drill_unknowns import COUNT_LABEL, PRESSURE_LABEL, STATE_WIDTHS, absent
-from drillenv.diagnosis.engine import Column, Raw, Varied, Varying, equation_change
+from drillenv.diagnosis.engine import Column, Raw, SensitivityColumn, Varied, equation_change
 from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.solver import Floats, Quadratic
 from drillenv.diagnosis.tables import interpolate
@@ -185,7 +185,7 @@ def tail(block: ShootingProblem) -> int:
 def elementary(block: ShootingProblem, values: Floats, fixed: bool) -> tuple[Model, list[Column], Floats]:
     """The model, by what the motion is differentiated, and (columns, parameters) what that makes of each."""
     model = block.structure.model(values, block.point)
-    found: list[Varying] = [(Column(F_B), {})] if fixed else differentiated(block, values, model)
+    found: list[SensitivityColumn] = [(Column(F_B), {})] if fixed else differentiated(block, values, model)
     if not fixed:
         first = 0
         for term, own in zip(block.structure.terms, block.structure.split(values), strict=True):
@@ -200,7 +200,7 @@ def elementary(block: ShootingProblem, values: Floats, fixed: bool) -> tuple[Mod
     return model, [column for column, _ in found], mixing
 
 
-def differentiated(block: ShootingProblem, values: Floats, model: Model) -> list[Varying]:
+def differentiated(block: ShootingProblem, values: Floats, model: Model) -> list[SensitivityColumn]:
     """Columns of scalars and laws, and how the parameters' derivatives are made of them."""
     unknowns, split = block.structure.unknowns, block.structure.split(values)
     by_scalar, laws = np.zeros((SCALARS, len(unknowns))), []
@@ -314,7 +314,7 @@ def steps_ahead(term: Term, own: Floats) -> list[Floats]:
     return [own + step_of(term, j) * (np.arange(own.size) == j) for j in range(own.size)]
 
 
-def law_columns(model: Model, other: Model, parameter: int, step: float) -> list[Varying]:
+def law_columns(model: Model, other: Model, parameter: int, step: float) -> list[SensitivityColumn]:
     """By what the equations of a model differ from those of another, whose parameter is larger by ``step``."""
     found, at = [], 0
     stiff, other_stiff = float(model.s[K]), float(other.s[K])

@@ -44,7 +44,7 @@ class Column(NamedTuple):
     """By what the pieces of an equation's law change, of this number among the model's."""
 
 
-Varying = tuple[Column, dict[int, float]]
+SensitivityColumn = tuple[Column, dict[int, float]]
 """A column of the integrator, and its share in the derivatives by parameters."""
 
 

@@ -82,7 +82,7 @@ NOT_LEVEL = 0.08
 STRUCK, STRUCK_DRILL = 1.3, 1.1
 """Mean square over the noise from which a recording is said to differ from the model, of a single body and of the
 drill, whose residuals are many more."""
-SPOKEN_OF = 0.2
+REPORTED_LINE = 0.2
 """Share of what is left that a line must have to be spoken of."""
 NOISY = 0.5
 """Noise over signal from which there is nothing to diagnose."""
