@@ -47,7 +47,7 @@ class Fitted:
     pool: Executor | None = None
     """Where recordings are evaluated side by side."""
 
-    def each(self, evaluate: Callable, *more: Iterable) -> list[Any]:
+    def each(self, evaluate: Callable[..., Any], *more: Iterable[Any]) -> list[Any]:
         """What a function says of each recording and its own unknowns, and of what more there is of each."""
         return list(side_by_side(self.pool)(evaluate, self.blocks, self.fit.own, *more))
 

@@ -118,7 +118,7 @@ class Limits(NamedTuple):
         return max(self.tolerance, self.relative * (cost - 0.5 * samples))
 
 
-def factor(part: Quadratic, damping: float) -> tuple:
+def factor(part: Quadratic, damping: float) -> tuple[Floats, bool]:
     """Cholesky factor of a block's Hessian with damping on its diagonal."""
     # each by its own size: one that is steep, as where a contact is grazed, must not hold back the others
     floor = 1e-12 * np.diag(part.own) + 1e-300
