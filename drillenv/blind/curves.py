@@ -1,8 +1,9 @@
 """What was missing, as a function of its argument: the curve that a finding has to agree with.
 
 Each mechanism has one argument and one quantity, the others held at a reference value; docs/trial/rules.md lists them.
-What the rig's own constants can take up, such as the straight part of a spring's force, is no part of the comparison:
-it is projected out of both curves.
+A law stands beside a constant of the rig, as that of a spring beside its stiffness, and a part of one can be a part of
+the other. By the first rules what the constant can take up is projected out of both laws. By the revised ones what is
+compared is the whole force, law and constant, up to what no channel tells.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.optimize import minimize_scalar
 
 from drillenv.blind import laws
 from drillenv.blind.body_mechanisms import BODY_MECHANISMS
@@ -27,6 +29,8 @@ LARGEST_ERROR = 0.10
 """Root mean square of the difference over that of what was missing, at most, for a law that counts as right."""
 LEAST_COVER = 0.8
 """Share of the visited range that a reported curve has to cover."""
+FURTHEST, MOVES = 0.3, 241
+"""Share of the visited range by which a curve over a displacement may be moved, and how many such moves are tried."""
 
 
 class Reference(NamedTuple):
@@ -55,6 +59,24 @@ class Shape(NamedTuple):
     """Which of the reference's ranges it runs over."""
     free: tuple[Callable[[Floats], Floats], ...] = ()
     """What the rig's constants can take up, as functions of the argument."""
+    whole: Whole | None = None
+    """The law and the constant together; None where it stands beside none."""
+
+
+class Whole(NamedTuple):
+    """A law together with the constant of the rig that it stands beside."""
+
+    constant: str
+    of: Callable[[Floats, Floats, float], Floats]
+    """What both come to, from the argument, the law and the constant."""
+    open: tuple[Callable[[Floats], Floats], ...] = ()
+    """What is left open by labels, which are off by up to a hundredth, as functions of the argument."""
+    moves: bool = False
+    """Whether the argument is a displacement, whose zero no channel tells."""
+    relative: bool = False
+    """Whether the constant counts in times the true one, as the law does."""
+    asked: bool = False
+    """Whether the argument is itself in proportion to the constant."""
 
 
 def _constant(x: Floats) -> Floats:
@@ -65,21 +87,67 @@ def _straight(x: Floats) -> Floats:
     return x
 
 
+def _sum(x: Floats, law: Floats, constant: float) -> Floats:
+    return constant * x + law
+
+
+def _product(x: Floats, law: Floats, constant: float) -> Floats:
+    return constant * (1.0 + law)
+
+
+def _waveform(x: Floats, law: Floats, constant: float) -> Floats:
+    return constant * (np.sin(x) + law)
+
+
+def _limited(x: Floats, law: Floats, constant: float) -> Floats:
+    return x + law
+
+
+_ROCK = Whole("loading_stiffness", _sum, moves=True)
+# the pressure gives the force at rest
+_SPRING = Whole("stiffness", _sum, (_constant,), moves=True)
+
+
 SHAPES: Mapping[str, Shape] = {
     "contact-rate": Shape("speed into the rock, at the median depth", "m/s", "N", "into"),
-    "contact-power-law": Shape("depth, loading", "m", "N", "depth", (_straight,)),
-    "contact-toe": Shape("depth, loading", "m", "N", "depth", (_straight,)),
-    "rock-compaction": Shape("impacts on a fresh face", "1", "1", "impacts", (_constant,)),
+    "contact-power-law": Shape("depth, loading", "m", "N", "depth", (_straight,), _ROCK),
+    "contact-toe": Shape("depth, loading", "m", "N", "depth", (_straight,), _ROCK),
+    "rock-compaction": Shape(
+        "impacts on a fresh face",
+        "1",
+        "1",
+        "impacts",
+        (_constant,),
+        Whole("loading_stiffness", _product, relative=True),
+    ),
     "rock-mount-compliance": Shape("steady force on the rock", "N", "m", "rock"),
-    "stiffness-hardening": Shape("shortening of the coupling", "m", "N", "shortening", (_constant, _straight)),
-    "damping-quadratic": Shape("closing speed of the coupling", "m/s", "N", "closing", (_straight,)),
+    "stiffness-hardening": Shape("shortening of the coupling", "m", "N", "shortening", (_constant, _straight), _SPRING),
+    "damping-quadratic": Shape(
+        "closing speed of the coupling", "m/s", "N", "closing", (_straight,), Whole("damping", _sum)
+    ),
     "guide-friction": Shape("speed of the shaker body", "m/s", "N", "v1", (_constant,)),
     "indenter-friction": Shape("speed of the indenter", "m/s", "N", "v2"),
-    "drive-harmonics": Shape("phase of the excitation", "rad", "1", "theta", (np.sin,)),
-    "drive-droop": Shape("frequency", "Hz", "1", "frequency", (_constant,)),
-    "force-limit": Shape("force asked of the drive", "N", "N", "drive", (_straight,)),
+    "drive-harmonics": Shape(
+        "phase of the excitation",
+        "rad",
+        "1",
+        "theta",
+        (np.sin,),
+        Whole("drive_gain", _waveform, (np.sin,), relative=True),
+    ),
+    "drive-droop": Shape(
+        "frequency", "Hz", "1", "frequency", (_constant,), Whole("drive_gain", _product, (_constant,), relative=True)
+    ),
+    "force-limit": Shape(
+        "force asked of the drive",
+        "N",
+        "N",
+        "drive",
+        (_straight,),
+        Whole("drive_gain", _limited, (_straight,), relative=True, asked=True),
+    ),
     "air-spring": Shape("sudden advance of the shaker body", "m", "N", "stroke"),
-    "backlash": Shape("shortening beyond that at rest", "m", "N", "beyond", (_constant, _straight)),
+    "backlash": Shape("shortening beyond that at rest", "m", "N", "beyond", (_constant, _straight), _SPRING),
     "accelerometer-resonance": Shape("frequency", "Hz", "1", "signal"),
     "accelerometer-lowpass": Shape("frequency", "Hz", "1", "signal"),
     "load-cell-inertia": Shape("acceleration", "m/s^2", "N", "acceleration"),
@@ -258,13 +326,83 @@ def law_error(mechanism: str, x: Floats, true: Floats, found: Floats) -> float:
     known = np.isfinite(found)
     x, true, found = x[known], true[known], found[known]
     free = SHAPES[mechanism].free
-    if free:
-        basis = np.column_stack([each(x) for each in free])
-        basis = basis / np.linalg.norm(basis, axis=0)
-        left = np.eye(x.size) - basis @ np.linalg.pinv(basis)
-        true, found = left @ true, left @ found
-    size = float(np.sqrt(np.mean(true**2)))
-    return float(np.sqrt(np.mean((found - true) ** 2))) / size if size > 0.0 else math.inf
+    size = _rms(_less(true, x, free))
+    return _rms(_less(found - true, x, free)) / size if size > 0.0 else math.inf
+
+
+def law_beside(
+    mechanism: str,
+    x: Floats,
+    finding: Mapping[str, Any],
+    constants: tuple[float, float],
+    true: Floats,
+    where: Reference,
+    noise: tuple[float, float, float],
+) -> Floats | None:
+    """The law that a finding states, beside the constant as it is in truth: (points,), NaN where nothing is said.
+
+    Moved along the axis, and with what labels leave open, as comes nearest to the ``true`` law. ``constants`` are the
+    rig's, in truth and as the report has it. None where the report says too little, or the law stands beside none.
+    """
+    shape = SHAPES[mechanism]
+    whole = shape.whole
+    if whole is None:
+        return None
+    in_truth, stated = (1.0, constants[1] / constants[0]) if whole.relative else constants
+    without = whole.of(x, np.zeros_like(x), in_truth)
+    scale = stated / in_truth if whole.asked else 1.0
+    reach = FURTHEST * float(np.ptp(x)) if whole.moves else 0.0
+
+    def moved(by: float) -> Floats | None:
+        at = scale * (x + by)
+        law = reported(finding, at, where, noise)
+        if law is None:
+            return None
+        found = whole.of(at, law, stated) - without
+        if shape.visited == "depth":
+            # above the rock there is no contact
+            found = np.where(at < 0.0, np.nan, found)
+        return _nearest(found, true, x, whole.open)
+
+    def off(by: float) -> float:
+        found = moved(by)
+        known = np.zeros(x.size, dtype=bool) if found is None else np.isfinite(found)
+        return math.inf if found is None or known.mean() < LEAST_COVER else _rms((found - true)[known])
+
+    if not whole.moves:
+        return moved(0.0)
+    tried = np.linspace(-reach, reach, MOVES)
+    best, step = float(min(tried, key=off)), 2.0 * reach / (MOVES - 1)
+    finer = minimize_scalar(off, bounds=(best - step, best + step), method="bounded")
+    return moved(float(finer.x) if finer.fun < off(best) else best)
+
+
+def law_error_beside(mechanism: str, x: Floats, true: Floats, found: Floats) -> float:
+    """The error of a law beside the true constant, in the same measure as that of a law by itself."""
+    known = np.isfinite(found)
+    if known.mean() < LEAST_COVER:
+        return math.inf
+    size = _rms(_less(true, x, SHAPES[mechanism].free))
+    return _rms((found - true)[known]) / size if size > 0.0 else math.inf
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _less(values: Floats, x: Floats, free: Sequence[Callable[[Floats], Floats]]) -> Floats:
+    """Values less what functions of the argument can take up of them."""
+    return values - _nearest(np.zeros_like(values), values, x, free)
+
+
+def _nearest(found: Floats, true: Floats, x: Floats, free: Sequence[Callable[[Floats], Floats]]) -> Floats:
+    """A curve with such multiples of functions of the argument as bring it nearest to the true one."""
+    known = np.isfinite(found)
+    if not free or not known.any():
+        return found
+    basis = np.column_stack([each(x) for each in free])
+    basis = basis / np.linalg.norm(basis[known], axis=0)
+    return found + basis @ np.linalg.lstsq(basis[known], (true - found)[known], rcond=None)[0]
 
 
 def law_of(each: Concealed, where: Reference, noise: tuple[float, float, float]) -> dict[str, Any] | None:

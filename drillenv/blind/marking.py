@@ -1,12 +1,14 @@
-"""The marks of a trial, by the rules of docs/trial/rules.md, which were written before the first one."""
+"""The marks of a trial, by the rules of docs/trial/rules.md: the first ones, and those revised since."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drillenv.blind import curves
 from drillenv.blind.mechanisms import MECHANISMS, MENDED_GAPS, NAMED_BY_FORMAT, OUTSIDE
@@ -20,6 +22,8 @@ INSIDE = 1.96
 CONSTANT_SHARE, CONSTANT_STD = 0.02, 3.0
 """A stated constant is right within this share of its true value, or so many of its standard deviations."""
 
+UNREADABLE = (ArithmeticError, ValueError, KeyError, TypeError)
+"""What a report raises that cannot be read as a curve: it has none."""
 CONDITIONS = ("colour", "anti_alias", "bad_labels", "bits", "rate")
 """What of a recording's conditions the marks are broken down by."""
 
@@ -56,21 +60,30 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
         "verdict": None,
         "findings": [],
         "right": False,
+        "right_by_first_rules": False,
         "named": False,
     }
     if report is None:
-        return made | {"mechanisms": dict.fromkeys(names, "no answer"), "false": [], "laws": {}, "intervals": []}
+        return made | {
+            "mechanisms": dict.fromkeys(names, "no answer"),
+            "false": [],
+            "laws": {},
+            "laws_beside": {},
+            "intervals": [],
+        }
     findings = report["findings"] if report["verdict"] == "missing-physics" else []
     matched = {name: _finding_of(name, findings) for name in names}
     used = [id(each) for each in matched.values() if each is not None]
     false = [each["mechanism"] for each in findings if id(each) not in used]
     laws = _laws(answer, matched)
+    beside = _laws_beside(answer, matched, report)
     made |= {
         "verdict": report["verdict"],
         "findings": [each["mechanism"] for each in findings],
         "mechanisms": {name: _fate(name, matched[name], report, false) for name in names},
         "false": false,
         "laws": laws,
+        "laws_beside": beside,
         "intervals": _intervals(answer, matched) if not false and report["verdict"] == "missing-physics" else [],
         "fit": report.get("fit"),
         "where": report.get("where", {}).get("summary"),
@@ -78,7 +91,8 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
         "constants_right": _constants_right(answer, report),
     }
     made["named"] = _named(answer, made)
-    made["right"] = made["named"] and _agree(answer, made)
+    made["right"] = made["named"] and _agree(answer, made, laws | beside)
+    made["right_by_first_rules"] = made["named"] and _agree(answer, made, laws)
     return made
 
 
@@ -128,7 +142,7 @@ def _named(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
     return verdict == "missing-physics" and found
 
 
-def _agree(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
+def _agree(answer: Mapping[str, Any], made: Mapping[str, Any], laws: Mapping[str, float]) -> bool:
     """Whether, where the equation is not the library's, the force found is the one that was missing."""
     if made["verdict"] != "missing-physics":
         return True
@@ -140,27 +154,65 @@ def _agree(answer: Mapping[str, Any], made: Mapping[str, Any]) -> bool:
         if each["law"] is None:  # no function of one argument: the recordings held out have to be explained
             if held is None or not floor or held > HELD_OUT * floor:
                 return False
-        elif not made["laws"].get(each["mechanism"], math.inf) <= curves.LARGEST_ERROR:
+        elif not laws.get(each["mechanism"], math.inf) <= curves.LARGEST_ERROR:
             return False
     return True
 
 
 def _laws(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]) -> dict[str, float]:
-    """For each mechanism with a curve that was named: the error of the curve found."""
+    """For each mechanism with a curve that was named: the error of the curve found, by the first rules."""
     where = curves.Reference(**answer["reference"])
     errors = {}
+    for each, finding, x, true in _curves(answer, matched):
+        with suppress(*UNREADABLE):
+            found = curves.reported(finding, x, where, tuple(answer["conditions"]["noise"]))
+            if found is not None:
+                errors[each] = curves.law_error(each, x, true, found)
+    return {name: error for name, error in errors.items() if math.isfinite(error)}
+
+
+def _laws_beside(
+    answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None], report: Mapping[str, Any]
+) -> dict[str, float]:
+    """The same by the revised rules, of laws that stand beside a constant of the drilling rig."""
+    errors = {}
+    for each, finding, x, true in _curves(answer, matched):
+        with suppress(*UNREADABLE):
+            found = beside_true_constant(answer, report, each, finding, x, true)
+            if found is not None:
+                errors[each] = curves.law_error_beside(each, x, true, found)
+    return {name: error for name, error in errors.items() if math.isfinite(error)}
+
+
+def _curves(
+    answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]
+) -> Iterator[tuple[str, Mapping[str, Any], NDArray[np.float64], NDArray[np.float64]]]:
+    """Mechanisms with a curve that were named: the finding, and argument and quantity of the true curve."""
     for each in answer["mechanisms"]:
         finding, law = matched[each["mechanism"]], each["law"]
-        if finding is None or law is None or finding["mechanism"] != each["mechanism"]:
-            continue
-        x = np.asarray(law["x"])
-        try:
-            found = curves.reported(finding, x, where, tuple(answer["conditions"]["noise"]))
-        except (ArithmeticError, ValueError, KeyError, TypeError):
-            found = None  # a report that cannot be read as a curve has none
-        if found is not None:
-            errors[each["mechanism"]] = curves.law_error(each["mechanism"], x, np.asarray(law["y"]), found)
-    return {name: error for name, error in errors.items() if math.isfinite(error)}
+        if finding is not None and law is not None and finding["mechanism"] == each["mechanism"]:
+            yield each["mechanism"], finding, np.asarray(law["x"], dtype=float), np.asarray(law["y"], dtype=float)
+
+
+def beside_true_constant(
+    answer: Mapping[str, Any],
+    report: Mapping[str, Any],
+    mechanism: str,
+    finding: Mapping[str, Any],
+    x: NDArray[np.float64],
+    true: NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """The law found, beside the rig's constant as it is in truth; None where it stands beside none, or of other rigs.
+
+    Raises:
+        UNREADABLE: one of these, where the report cannot be read as a curve.
+    """
+    whole = curves.SHAPES[mechanism].whole
+    if whole is None or "loading_stiffness" not in answer["true"]:
+        return None
+    constants = answer["true"][whole.constant], float(report["constants"][whole.constant]["value"])
+    where, noise = curves.Reference(**answer["reference"]), tuple(answer["conditions"]["noise"])
+    return curves.law_beside(mechanism, x, finding, constants, true, where, noise)
 
 
 def _intervals(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]) -> list[dict[str, Any]]:
@@ -209,6 +261,13 @@ def _share(marks: Sequence[Mapping[str, Any]], holds: Any) -> dict[str, Any]:
     return {"hits": hits, "of": len(marks), "low": low, "high": high}
 
 
+def _by_first_rules(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The share that is right by the first rules, where marks say so: those of earlier trials are by these alone."""
+    if not all("right_by_first_rules" in each for each in marks):
+        return {}
+    return {"right_by_first_rules": _share(marks, lambda each: each["right_by_first_rules"])}
+
+
 def summary(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Counts with Wilson intervals: by group, the confusion table, false alarms, coverage, held-out errors, cost."""
     groups = {}
@@ -217,6 +276,7 @@ def summary(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         groups[name] = {
             "right": _share(own, lambda each: each["right"]),
             "named": _share(own, lambda each: each["named"]),
+            **_by_first_rules(own),
             "no_answer": sum(each["status"] != "answered" for each in own),
             "seconds_median": float(np.median([each["seconds"] for each in own])),
             "seconds_most": max(each["seconds"] for each in own),
@@ -234,7 +294,7 @@ def summary(marks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     fates = [{"named": fate in ("named", "in a class")} for each in present for fate in each["mechanisms"].values()]
     intervals = [entry for each in marks for entry in each["intervals"]]
     answered = [each for each in marks if each["status"] == "answered"]
-    laws = [error for each in marks for error in each["laws"].values()]
+    laws = [error for each in marks for error in (each["laws"] | each.get("laws_beside", {})).values()]
     return {
         "groups": groups,
         "conditions": _by_condition(marks),

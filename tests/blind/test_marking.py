@@ -158,6 +158,78 @@ def test_what_a_constant_takes_up_is_no_part_of_a_curve():
     assert curves.law_error("indenter-friction", x, true, true + 170.0 * x) > 1.0
 
 
+TRUE = {"damping": 2450.0, "stiffness": 68850.0, "loading_stiffness": 21.4e6, "drive_gain": 1.0}
+
+
+def marked_beside(concealed, found, **constants):
+    """Marks of a law of the drilling rig that stands beside these constants, as a function of its argument."""
+    truth = answer("other-equation", concealed) | {"true": TRUE}
+    x = np.asarray(truth["mechanisms"][0]["law"]["x"])
+    wide = np.linspace(x[0] - 0.5 * np.ptp(x), x[-1] + 0.5 * np.ptp(x), 2001)
+    law = {"argument": "", "x": wide.tolist(), "y": found(wide).tolist()}
+    said = report("missing-physics", finding(concealed.mechanism, law=law))
+    return mark(truth, said | {"constants": {name: {"value": value} for name, value in (TRUE | constants).items()}})
+
+
+TWO_LINES = Concealed(
+    "stiffness-hardening",
+    next(each for each in MECHANISMS["stiffness-hardening"].equations if each.name == "two lines"),
+    {"k_b": 76e3, "s_b": 3e-3},
+)
+
+
+def spring(x):
+    """Its force beside the true stiffness."""
+    return 68850.0 * x + 76e3 * np.maximum(x - 3e-3, 0.0)
+
+
+@pytest.mark.parametrize(("moved", "factor", "right"), [(2e-4, 1.0, True), (-3e-4, 1.0, True), (2e-4, 0.85, False)])
+def test_a_spring_with_another_stiffness_is_the_same_force_further_along(moved, factor, right):
+    """Where the shortening is zero, no channel tells: of the law by itself a third is off then."""
+
+    def law(x):
+        bent = factor * (spring(x + moved) - 68850.0 * (x + moved))
+        return bent + 68850.0 * (x + moved) + 15.0 - 75e3 * x
+
+    made = marked_beside(TWO_LINES, law, stiffness=75e3)
+    assert made["right"] == right and not made["right_by_first_rules"]
+    # what counts is over the law less its straight part, so that 15 % of the whole law are more of it
+    low, high = (0.0, 0.01) if right else (0.15, 0.25)
+    assert low <= made["laws_beside"]["stiffness-hardening"] < high
+
+
+def test_a_law_is_nowhere_where_it_is_moved_too_far():
+    made = marked_beside(TWO_LINES, lambda x: spring(x + 2e-3) - 68850.0 * x)
+    assert not made["right"]
+
+
+def test_a_limit_over_the_voltage_is_the_same_with_another_gain():
+    clipped = next(each for each in MECHANISMS["force-limit"].equations if each.of_library)
+    limit = Concealed("force-limit", clipped._replace(of_library=False), {"F_max": 400.0})
+
+    def law(x):
+        return np.clip(x / 0.95, -400.0, 400.0) - x
+
+    made = marked_beside(limit, law, drive_gain=0.95)
+    assert made["laws_beside"]["force-limit"] < 0.01 < made["laws"]["force-limit"]
+
+
+@pytest.mark.parametrize(("factor", "right"), [(1.0, True), (1.2, False)])
+def test_a_damper_is_compared_with_its_constant(factor, right):
+    square = next(each for each in MECHANISMS["damping-quadratic"].equations if each.of_library)
+    hidden = Concealed("damping-quadratic", square._replace(of_library=False), {"c_2": 5000.0})
+    made = marked_beside(hidden, lambda x: factor * 5000.0 * np.abs(x) * x + 150.0 * x, damping=2300.0)
+    assert made["right"] == right == made["right_by_first_rules"]
+    # the straight part is the force's as well
+    off = marked_beside(hidden, lambda x: 5000.0 * np.abs(x) * x + 150.0 * x)
+    assert off["right_by_first_rules"] and not off["right"]
+
+
+def test_a_report_without_constants_has_no_law_beside_them():
+    made = mark(answer("other-equation", TWO_LINES) | {"true": TRUE}, report("missing-physics", finding("backlash")))
+    assert made["laws_beside"] == {}
+
+
 @pytest.mark.parametrize(
     ("verdict", "name", "right"),
     [("unexplained", None, True), ("agrees", None, False), ("missing-physics", "external-vibration", True),
