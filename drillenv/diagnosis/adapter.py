@@ -65,6 +65,10 @@ class RecordingProblem:
         """Cost and own unknowns after their step, which the block may shorten; ``before`` is the cost before it."""
         return self.cost(shared, own), own
 
+    def corrected(self, shared: Floats, tried: tuple[float, Floats], before: float) -> tuple[float, Floats]:
+        """Cost and own unknowns after such a step, with steps of their own where it made the recording worse."""
+        return tried
+
     def under(
         self, structure: ModelStructure, own: Floats, weight: float | None = None, noise: Any = None
     ) -> tuple[Self, Floats]:
@@ -126,6 +130,10 @@ class Adapter:
     def at_own_frequency(self, fitted: Fitted, there: Collection[str]) -> list[Family]:
         """Families with a frequency of their own, at their best one, of mechanisms that are not ``there`` yet."""
         return []
+
+    def same_force(self, family: Family, other: Family) -> bool:
+        """Whether two families' laws are of one force over different arguments, so that one may correct the other."""
+        return False
 
     def rivals(self, fitted: Fitted, family: Family) -> list[Rival]:
         """The library's equations that could stand for a family's law, the nearest first."""

@@ -329,7 +329,11 @@ class ShootingProblem(RecordingProblem):
 
     def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step, or as much of it as does not make the recording worse."""
-        return drill_states.try_step(self, shared, own, move, before)
+        return drill_states.line_search(self, shared, own, move, before)
+
+    def corrected(self, shared: Floats, tried: tuple[float, Floats], before: float) -> tuple[float, Floats]:
+        """Cost and own unknowns after such a step, with steps of their own where it made the recording worse."""
+        return drill_states.corrected(self, shared, *tried, before)
 
     def find_states(self, shared: Floats, guess: Floats) -> Floats:
         """Own unknowns from a first guess: see :func:`drillenv.diagnosis.drill_states.find_states`."""

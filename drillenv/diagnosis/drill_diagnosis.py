@@ -32,6 +32,7 @@ from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.drill_unknowns import PRESSURE_LABEL, first_states
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
 from drillenv.diagnosis.fitting import FREE, Fitted, fit_to, joined
+from drillenv.diagnosis.laws import constant_beside
 from drillenv.diagnosis.progress import (
     EXTENDING,
     FITTING,
@@ -91,7 +92,7 @@ class Outcome:
     plain: Fitted
     final: Fitted
     steps: list[Step]
-    """Mechanisms that were added."""
+    """What was added."""
     tested: ScoreTests
     proof: Proof
     explained: Explained
@@ -101,6 +102,11 @@ class Outcome:
     """What was being done as the diagnosis was interrupted; empty where it was not."""
     unusable: Sequence[str] = ()
     """Sentences on recordings that were left out once labels had been corrected."""
+
+    @property
+    def mechanisms(self) -> list[Step]:
+        """What was added less what corrects another measured law."""
+        return [step for step in self.steps if not step.corrects]
 
     @property
     def held_out(self) -> tuple[list[StateEstimate], list[StateEstimate]]:
@@ -390,14 +396,17 @@ def verdict_of(final: Fitted, steps: Sequence[Step], held: tuple[float, float] |
     # windows that are not joined have states that no motion has
     if worst > CLOSE - 1.0:
         return "unexplained"
-    outside = any(step.family.outside for step in steps)
-    return classify(bool(steps), outside, bool(wrong_constants(final)), worst > LEFT, share)
+    missing = [step for step in steps if not step.corrects]
+    outside = any(step.family.outside for step in missing)
+    return classify(bool(missing), outside, bool(wrong_constants(final)), worst > LEFT, share)
 
 
 def wrong_constants(final: Fitted) -> list[int]:
-    """Constants that are several of their tolerances off."""
+    """Constants that are several of their tolerances off; none that a measured law has a part of."""
+    shared = {constant_beside(term) for term in final.structure.terms}
     found = []
     for i, (unknown, value) in enumerate(zip(final.structure.unknowns, final.values, strict=True)):
-        if i < len(NAMES) and abs(value - unknown.value) > SEVERAL * unknown.width:
+        off = abs(value - unknown.value) > SEVERAL * unknown.width
+        if i < len(NAMES) and off and unknown.name not in shared:
             found.append(i)
     return found

@@ -69,10 +69,10 @@ def parameters(outcome: Outcome) -> dict[str, Any]:
 
 def findings(outcome: Outcome) -> list[dict[str, Any]]:
     """One entry for each mechanism."""
-    if not outcome.steps:
+    if not outcome.mechanisms:
         return []
     ranges = visited(outcome.every)
-    return [finding(outcome, step, ranges) for step in outcome.steps]
+    return [finding(outcome, step, ranges) for step in outcome.mechanisms]
 
 
 def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
@@ -218,21 +218,21 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
             "summary": "Constants that are off by several of their tolerances explain all of it.",
         }
     struck = sorted({each["recording"] for each in cells if each["mean_square"] > STRUCK_DRILL})
-    if outcome.steps and outcome.verdict == "missing-physics":
-        effects = [REGISTRY[step.named.mechanism] for step in outcome.steps]
+    if outcome.mechanisms and outcome.verdict == "missing-physics":
+        effects = [REGISTRY[step.named.mechanism] for step in outcome.mechanisms]
         return {
             "balance": effects[0].balances[0],
             "regimes": list(effects[0].regimes),
             "recordings": struck,
             "summary": " ".join([*(effect.sentence for effect in effects), outcome.explained.sentence]),
         }
-    known = [step.family.outside for step in outcome.steps if step.family.outside]
+    known = [step.family.outside for step in outcome.mechanisms if step.family.outside]
     if known:
         return {"balance": "sensor", "regimes": list(CELLS), "recordings": struck, "summary": " ".join(known)}
     channel, regime = most_left(cells)
     text = f"Most of what is left is in the {channel}, {regime}."
-    if outcome.steps:
-        nearest = " and ".join(step.named.mechanism for step in outcome.steps)
+    if outcome.mechanisms:
+        nearest = " and ".join(step.named.mechanism for step in outcome.mechanisms)
         share = 100.0 * max(outcome.explained.share, 0.0)
         text += f" {nearest} comes nearest, with {share:.2g} % of it on {outcome.explained.of}."
     return {
@@ -407,7 +407,7 @@ def record_of(outcome: Outcome, faults: list[str], left_out: Sequence[str] = ())
         "findings": findings(outcome) if explained else [],
         "parameters": parameters(outcome) if explained else {},
         "bookkeeping": [asdict(each) for each in outcome.labels],
-        "explained": outcome.explained.record if outcome.steps else None,
+        "explained": outcome.explained.record if outcome.mechanisms else None,
         "rest": rest(outcome),
         "fit": quality_of_fit(outcome),
         "rejected": rejected(outcome.steps, outcome.tested),

@@ -23,6 +23,7 @@ from drillenv.diagnosis.laws import (
     kind_of_contact,
     kinds_of_spring,
     reparametrise_to_nominal,
+    same_force,
 )
 from drillenv.diagnosis.score_tests import most_promising
 from drillenv.diagnosis.sensing import ACCELEROMETER, Added, Sensor, kind_of_response, sensor_families
@@ -42,6 +43,7 @@ class DrillRig(Adapter):
     taken_up: Any = staticmethod(taken_up)
     mechanisms_of: Any = staticmethod(mechanisms_of)
     reparametrise_to_nominal: Any = staticmethod(reparametrise_to_nominal)
+    same_force: Any = staticmethod(same_force)
 
     def axes_at(self, fitted: Fitted) -> Axes:
         """Axes over the ranges that a fit's motions visit."""

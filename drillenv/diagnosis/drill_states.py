@@ -30,16 +30,17 @@ PROGRESS = 0.8
 FOUND_QUANTILE = 0.25
 """Quantile of the windows' costs a sample that stands for windows whose states have been found."""
 WORSE, CORRECTIONS = 10.0, 6
-"""Own unknowns whose step makes a recording worse, up to so many times, take so many steps of their own."""
+"""Own unknowns whose step makes a recording worse, up to so many times, take so many steps of their own at most."""
 
 
-def try_step(block: ShootingProblem, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
-    """Cost and own unknowns after their step; where it makes the recording worse, after steps of their own.
+def corrected(block: ShootingProblem, shared: Floats, cost: float, own: Floats, before: float) -> tuple[float, Floats]:
+    """Cost and own unknowns after steps of their own, where the last one of all parameters made the recording worse.
 
-    Where windows are joined, their states follow the shared parameters along a curve.
+    Until it is no worse: where windows are joined, their states follow the shared parameters along a curve.
     """
-    cost, at = line_search(block, shared, own, move, before)
-    return fit_states(block, shared, at, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, at)
+    if before < cost < WORSE * before:
+        return fit_states(block, shared, own, cost, CORRECTIONS, enough=before)
+    return cost, own
 
 
 def line_search(
@@ -177,11 +178,15 @@ def estimate_states(block: ShootingProblem, shared: Floats, own: Floats, steps: 
     return fit_states(block, shared, own, cost, steps)[1] if math.isfinite(cost) else own
 
 
-def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float, steps: int) -> tuple[float, Floats]:
-    """The same from a known cost, with the cost after them."""
+def fit_states(
+    block: ShootingProblem, shared: Floats, own: Floats, cost: float, steps: int, enough: float = -math.inf
+) -> tuple[float, Floats]:
+    """The same from a known cost, with the cost after them; until the cost is ``enough``."""
     damping, part = 1e-3, None
     samples = block.samples
     for _ in range(steps):
+        if cost <= enough:
+            break
         part = block.quadratic(shared, own, fixed=True) if part is None else part
         move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
         little = max(0.5, 1e-3 * (cost - 0.5 * samples))

@@ -529,6 +529,33 @@ STRAIGHT = {
 """Constants whose law is a straight one at the same place."""
 
 
+FORCES = (
+    frozenset((LOADING, UNLOADING, RATE_FACTOR, RATE_FORCE, COMPACTION)),
+    frozenset((SPRING, SPRING_FROM_REST, DAMPER)),
+    frozenset((WAVEFORM, DRIVE)),
+)
+"""Places whose laws are parts of one force: of the rock, of the coupling, of the drive."""
+
+
+def same_force(family: Family, other: Family) -> bool:
+    """Whether laws of both are parts of one force; one that depends on two arguments at once is no sum of such."""
+    of = [{place for term in each.terms if (place := _place_of(term)) is not None} for each in (family, other)]
+    return any(of[0] & force and of[1] & force for force in FORCES)
+
+
+def _place_of(term: Term) -> int | None:
+    if isinstance(term, Gain):
+        return DRIVE
+    return term.place if isinstance(term, Curve) else None
+
+
+def constant_beside(term: Term) -> str:
+    """The constant that a free law can take up, and it the law; "" where there is none. Only both are measured."""
+    if isinstance(term, Gain) and term.scalar == V.F_A:
+        return STRAIGHT[DRIVE]
+    return STRAIGHT.get(term.place, "") if isinstance(term, Curve) else ""
+
+
 class Equivalent(NamedTuple):
     """Parameters of the same motion, what is straight in a law being the law's and not a constant's."""
 

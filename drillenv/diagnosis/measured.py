@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import Curve, Equation, Family
+from drillenv.diagnosis.laws import Curve, Equation, Family, constant_beside
 from drillenv.diagnosis.noise import NoiseModel, line_columns
 from drillenv.diagnosis.sensing import FORCE, Added, Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
@@ -362,6 +362,11 @@ def measured_law(
 
     y, spread = with_spread(fitted, inside, curve)
     law = law_record(display.argument, display.argument_unit, display.unit, display.x, y, spread)
+    constant = next(filter(None, map(constant_beside, terms)), "")
+    if constant:
+        known = zip(fitted.structure.unknowns, fitted.values, strict=True)
+        each, value = next((each, value) for each, value in known if each.name == constant)
+        law["beside"] = {"constant": constant, "value": float(value), "unit": each.unit}
     seen = partial_residuals(fitted, display, y)
     if seen is not None:
         law["partial_residuals"] = seen

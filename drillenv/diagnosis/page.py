@@ -495,6 +495,7 @@ def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
         "source": list(_linked(str(evidence.get("source") or ""))),
         "strengths": [_strength(mechanism, *each) for each in (finding.get("parameters") or {}).items()],
         "law": bool(finding.get("law")),
+        "beside": _beside(finding.get("law") or {}),
         "equivalents": _listed(str(each) for each in finding.get("equivalents") or []),
         "separate": evidence.get("separate") or [],
         "gain": number(evidence.get("gain")),
@@ -502,6 +503,18 @@ def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
         "lag": [_strength(mechanism, *each) for each in lag.items()],
         "more": [(_words(key), number(each)) for key, each in evidence.items() if key not in KNOWN and _finite(each)],
     }
+
+
+def _beside(law: Mapping[str, Any]) -> str:
+    """What a law is added to, and what nobody can tell of it."""
+    beside = law.get("beside")
+    if not beside:
+        return ""
+    constant = f"{_words(beside['constant'])} {number(beside['value'])} {_unit(beside['unit'])}".strip()
+    said = f"It stands beside the {constant}: only both together are measured."
+    if law["argument_unit"] == "m":
+        said += " No channel tells where the displacement is zero, so that the curve may lie further along."
+    return said
 
 
 def _linked(source: str) -> Iterator[tuple[str, str]]:

@@ -10,16 +10,28 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, joined, penalty, with_windows_freed
-from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
+from drillenv.diagnosis.laws import Curve, Equation, Family, Gain, on_axes
 from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
 from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
 from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.thresholds import CLOSE, FAINT, FALSE_ALARMS, LAW_LEFT, LEFT, MOST_FAMILIES, NEAR, POSSIBLE
+from drillenv.diagnosis.thresholds import (
+    CLOSE,
+    FAINT,
+    FALSE_ALARMS,
+    LAW_LEFT,
+    LEFT,
+    MOST_FAMILIES,
+    MOST_OF_LAW,
+    NEAR,
+    POSSIBLE,
+)
 
 CANDIDATES = 3
 """Families that are fitted side by side at each step."""
+BEYOND_DOUBT = 20.0
+"""Times what it has to gain from which a family is not left out for a try."""
 PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
 
@@ -47,6 +59,8 @@ class Step:
     """Families that were there, itself included, when the equations were tried."""
     detail: int = 1
     """The resolution of its law that was tried last while the model was not close."""
+    corrects: bool = False
+    """Whether it is no mechanism of its own, but what another measured law of the same force is off."""
 
     def gain_in(self, fitted: Fitted) -> float:
         """About the gain in as many samples as another fit has."""
@@ -110,7 +124,6 @@ def forward(
             if step.pending and fitted.per_freedom < CLOSE:
                 steps[i] = identify_equation(fitted, step, say)
                 fitted = steps[i].after
-        named = {step.family.group for step in steps if step.named.equation is not None}
         tried = [each for each in still_possible(fitted, steps, possible, only) if each.name not in left_out]
         scores, level = score_tests(fitted, tried)
         level = level if earlier is None else min(level, earlier.level)
@@ -120,8 +133,8 @@ def forward(
         say(f"score tests: {largest(scores, needed)}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
         step = None
-        if chosen and sum(not each.family.constant for each in steps) < MOST_FAMILIES:
-            step = best_step(fitted, chosen, level, say, named)
+        if chosen and sum(not (each.family.constant or each.corrects) for each in steps) < MOST_FAMILIES:
+            step = best_step(fitted, chosen, level, say, steps)
         if step is not None:
             add_step(steps, step)
             fitted = step.after
@@ -142,6 +155,21 @@ def forward(
 def copied(steps: Sequence[Step]) -> list[Step]:
     """Steps that stay as they are while the search goes on and changes its own."""
     return [replace(each, named=replace(each.named)) for each in steps]
+
+
+def measured_beside(family: Family, fitted: Fitted, steps: Sequence[Step]) -> list[Step]:
+    """Steps whose law follows no equation and is of the same force as a family's, over another argument.
+
+    A force that depends on two arguments at once, as friction in a contact on speed and depth, is no sum of laws of
+    each: what is left of it, a law over the other argument takes up.
+    """
+    rig = fitted.structure.rig
+    return [
+        each
+        for each in steps
+        if each.named.equation is None and not each.corrects and each.family.group != family.group
+        if rig.same_force(each.family, family)
+    ]
 
 
 def add_step(steps: list[Step], step: Step) -> None:
@@ -177,14 +205,19 @@ def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: b
 def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     """The fit with an equation in the place of a measured law, now that what was missing beside it is there; or None.
 
-    Equations are not as supple as free laws: beside another mechanism that is missing even the true one does worse.
+    Equations are not as supple as free laws: beside another mechanism that is missing even the true one does worse, by
+    no more than that mechanism has gained.
     """
     for i, step in enumerate(steps):
         names = {each.name for each in step.family.terms}
-        measured = step.named.equation is None and names == {each.name for each in step.terms}
+        measured = step.named.equation is None and not step.corrects and names == {each.name for each in step.terms}
         if not measured or step.family.constant or step.beside == len(steps):
             continue
+        lacked = min((worse for _, worse in step.named.nearest), default=0.0)
+        gained = sum(each.gain_in(fitted) for each in steps if each is not step)
         step.beside = len(steps)
+        if lacked * fitted.samples / step.samples > gained:
+            continue
         as_it_is = tuple(each for each in fitted.structure.terms if each.name in names)
         named, other = name_law(fitted, replace(step.family, terms=as_it_is), step.gain, say)
         if named.equation is not None:
@@ -247,7 +280,8 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
     that follows an equation to the noise leaves nothing that a rival could do better.
     """
     for step in steps:
-        if step.family.constant or (step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT):
+        follows = step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT
+        if step.family.constant or step.corrects or follows:
             continue
         close = [family for family, other in step.rivals if other.cost - step.found < LAW_LEFT * step.gain]
         step.rivals = [each for each in step.rivals if each[0] not in close]
@@ -263,7 +297,7 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
                 continue
             fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
             base = replace(fitted, structure=rest, fit=fit)
-            found = accept(base, family, other, family.size, say, False)
+            found = accept(base, family, other, family.size, say)
             # an equation that it follows has fewer parameters than its free law
             if criterion(found.after, fitted) < criterion(fitted, fitted):
                 step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
@@ -286,11 +320,13 @@ def least_gain(
 ) -> float:
     """Log-likelihood that a family has to gain beside chance: where a law that was found is not exact, that is not all.
 
-    What corrects an equation has to gain more than the equation may leave in a model that comes close. ``dismissed`` as
-    of :func:`misfit_allowance`.
+    What corrects an equation has to gain more than the equation may leave in a model that comes close; what may correct
+    a measured law of the same force need not, since it is no mechanism then. ``dismissed`` as of
+    :func:`misfit_allowance`.
     """
     least = penalty(score.freedom, fitted) if steps else 0.0
-    others = [step for step in steps if step.family.group != score.family.group]
+    beside = measured_beside(score.family, fitted, steps)
+    others = [step for step in steps if step.family.group != score.family.group and step not in beside]
     own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
     left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
     return max(least, misfit_allowance(fitted, others, scores, dismissed), left, resolved_gain(score.family, fitted))
@@ -314,7 +350,7 @@ def misfit_allowance(
     left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
 
     def error(step: Step) -> float:
-        if step.family.constant:
+        if step.family.constant or step.corrects:
             return 0.0
         most = LAW_LEFT**2 * step.gain_in(fitted)
         if step.named.equation is None:
@@ -349,17 +385,8 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
     return chosen
 
 
-def best_step(
-    fitted: Fitted,
-    chosen: Sequence[Score],
-    level: float,
-    say: Say,
-    named: Collection[str] = (),
-) -> Step | None:
-    """The family that explains most once fitted; None where that is no more than chance.
-
-    One of the groups ``named`` corrects an equation and follows none itself.
-    """
+def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps: Sequence[Step] = ()) -> Step | None:
+    """The family that explains most once fitted, beside ``steps`` so far; None where that is no more than chance."""
     resonant = [each for each in chosen if each.family.has_states]
     fits = refine_candidates(fitted, [each for each in chosen if not each.family.has_states], say)
     if fits and explains_all(fits[0][1], fitted):
@@ -374,7 +401,7 @@ def best_step(
     best, found = fits[0]
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
-    step = accept(fitted, best.family, found, best.size, say, best.family.group in named)
+    step = accept(fitted, best.family, found, best.size, say, steps)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
 
@@ -388,6 +415,24 @@ def strength_shows(family: Family, fitted: Fitted) -> bool:
     i, strength = fitted.indices_of([term])[0], term.unknowns[0]
     off = fitted.fit.shared[i] - strength.value / strength.width
     return float(off**2) > float(chi2.isf(FALSE_ALARMS, 1)) * float(fitted.covariance[i, i])
+
+
+def wald_gain(fitted: Fitted, step: Step) -> float:
+    """What a step's law gains in a fit, by the quadratic of the log-likelihood (a Wald test); 0 of a constant.
+
+    Of an equation, by its first parameter, which is its strength.
+    """
+    terms = [each for each in fitted.structure.terms if each.name in {one.name for one in step.terms}]
+    inside = []
+    for term in terms:
+        own = fitted.indices_of([term])
+        inside += own[:1] if isinstance(term, Equation) else own
+    if not inside:
+        return 0.0
+    unknowns = fitted.structure.unknowns
+    off = np.array([fitted.fit.shared[i] - unknowns[i].value / unknowns[i].width for i in inside])
+    spread = np.linalg.pinv(fitted.covariance[np.ix_(inside, inside)], hermitian=True)
+    return 0.5 * float(off @ spread @ off)
 
 
 def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
@@ -438,17 +483,12 @@ def refine_candidates(
     return fits
 
 
-def accept(
-    fitted: Fitted,
-    family: Family,
-    found: Fitted,
-    freedom: int,
-    say: Say,
-    correction: bool,
-) -> Step:
+def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say, steps: Sequence[Step] = ()) -> Step:
     """A family that was chosen, with its windows joined, and the equation that its law follows.
 
-    Where none does, and something else is missing as well, they are tried again once the model is close.
+    Where none does, and something else is missing as well, they are tried again once the model is close. What corrects
+    the equation of an earlier step follows none itself. What explains no more than errors of a measured law of the same
+    force would leave, or follows no equation beside one that explains more, corrects that law.
     """
     loose = found.weight
     found = joined(found)
@@ -456,9 +496,17 @@ def accept(
         say(f"  joined: chi-square {found.per_freedom:.4f}")
     named = Named(family.mechanism, None, [])
     gain = max(fitted.cost - found.cost, 1.0)
-    pending = not (correction or family.constant)
+    of_equation = any(each.family.group == family.group and each.named.equation is not None for each in steps)
+    pending = not (of_equation or family.constant)
     step = Step(family, gain, freedom, fitted.samples, found, named, family.terms, [], pending=pending)
-    return identify_equation(found, step, say)
+    explained = max((each.gain_in(fitted) for each in measured_beside(family, fitted, steps)), default=0.0)
+    if gain > LAW_LEFT**2 * explained:
+        step = identify_equation(found, step, say)
+        nearest = step.named.nearest[0][1] if step.named.nearest else math.inf
+        if gain > explained or step.named.equation is not None or nearest < MOST_OF_LAW * gain:
+            return step
+    say(f"  {family.name} corrects another law of the same force")
+    return replace(step, corrects=True, pending=False)
 
 
 def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
@@ -524,10 +572,13 @@ def backward(
     for step in sorted(steps, key=lambda each: each.gain):
         if found_here and len(kept) < 2:
             break
+        by_chance = 0.5 * chi2.isf(level, step.freedom)
+        allowed = 0.0 if step.corrects else least
+        needed = max(by_chance, allowed, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
+        if min(wald_gain(fitted, step), step.gain_in(fitted)) > BEYOND_DOUBT * needed:
+            continue
         rest, begun = without(fitted, step.terms, step.family.constant)
         other = fitted.refit(rest, begun)
-        by_chance = 0.5 * chi2.isf(level, step.freedom)
-        needed = max(by_chance, least, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
         if other.cost - fitted.cost < needed:
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)

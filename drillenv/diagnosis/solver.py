@@ -186,8 +186,13 @@ def minimise(
         if converged := promised < little and damping.size < UNDAMPED:
             break
         point = np.clip(shared + step, priors.low, priors.high)
+        before = sum(costs) + priors.cost(shared)
         tried = _advanced(blocks, point, own, moves, costs, each)
-        gain = sum(costs) + priors.cost(shared) - sum(cost for cost, _ in tried) - priors.cost(point)
+        gain = before - sum(cost for cost, _ in tried) - priors.cost(point)
+        if gain < GAIN_RATIO * promised:
+            # own unknowns have not followed the shared ones: where most have, the next step sees to the others
+            tried = _corrected(blocks, point, tried, costs, each)
+            gain = before - sum(cost for cost, _ in tried) - priors.cost(point)
         steps += 1
         held = damping.adapt(gain / max(promised, 1e-12))
         if gain > 0.0:
@@ -229,6 +234,10 @@ def _quadratics(blocks: Sequence[RecordingProblem], shared: Floats, own, each: C
 
 def _advanced(blocks, point: Floats, own, moves, costs, each: Callable) -> list[tuple[float, Floats]]:
     return list(each(lambda block, *given: block.try_step(point, *given), blocks, own, moves, costs))
+
+
+def _corrected(blocks, point: Floats, tried, costs, each: Callable) -> list[tuple[float, Floats]]:
+    return list(each(lambda block, *given: block.corrected(point, *given), blocks, tried, costs))
 
 
 def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: float):

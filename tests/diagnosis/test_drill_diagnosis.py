@@ -73,6 +73,29 @@ def test_another_equation_is_named_with_its_law():
     assert model_from_record(model_record(model)).effects == model.effects
 
 
+def test_a_measured_law_is_told_with_the_constant_beside_it():
+    """A spring of two lines whose first stiffness the lab has wrong: the force is right, wherever its zero is."""
+    at = [each.name for each in MECHANISMS["stiffness-hardening"].equations].index("two lines")
+    made, outcome = diagnosed(28, concealing("stiffness-hardening", at, k_b=7e4, s_b=2.5e-3), wrong={"stiffness": 7.0})
+    record = record_of(outcome, [])
+    (finding,) = record["findings"]
+    assert (outcome.verdict, finding["mechanism"]) == ("missing-physics", "stiffness-hardening")
+    law, true = finding["law"], made.true.stiffness
+    assert law["beside"]["constant"] == "stiffness" and law["beside"]["unit"] == "N/m"
+    assert law["beside"]["value"] == record["constants"]["stiffness"]["value"]
+    # what a law may have a part of is not said to be wrong by itself
+    assert "stiffness" not in record["parameters"]
+    x = np.array(law["x"])
+    force = law["beside"]["value"] * x + np.array(law["y"])
+    errors = []
+    for moved in np.linspace(-1e-3, 1e-3, 401):
+        whole = true * (x + moved) + 7e4 * np.maximum(x + moved - 2.5e-3, 0.0)
+        off = force - whole
+        errors.append(np.std(off))
+    assert min(errors) < 0.02 * np.std(force)
+    assert record["where"]["summary"]
+
+
 def test_a_hum_that_swells_is_followed():
     """By eight tenths of it, twice a second, in each of four recordings otherwise."""
     at = [each.name for each in MECHANISMS["mains-hum"].equations].index("swelling")

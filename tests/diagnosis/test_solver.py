@@ -55,6 +55,10 @@ class Residuals:
         """The whole step."""
         return self.cost(shared, own + move), own + move
 
+    def corrected(self, shared, tried, before):
+        """As it is."""
+        return tried
+
 
 def free(size, centre=None, precision=None, low=None):
     """Priors that say nothing but what is given."""
