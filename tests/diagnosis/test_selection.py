@@ -1,5 +1,6 @@
 """What a family has to gain beside laws that are not exact."""
 
+from dataclasses import replace
 from types import SimpleNamespace as Fake
 from typing import Any
 
@@ -7,18 +8,31 @@ import numpy as np
 import pytest
 
 from drillenv.diagnosis import resolution, selection
+from drillenv.diagnosis.adapter import Adapter
 from drillenv.diagnosis.fitting import Fitted, penalty
-from drillenv.diagnosis.laws import Curve
+from drillenv.diagnosis.laws import Curve, Equation, families, same_force
+from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import forward, least_gain, strength_shows
+from drillenv.diagnosis.selection import accept, forward, least_gain, strength_shows
+from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
 SAMPLES = 20_000
+FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
+
+
+class OfTheContact(Adapter):
+    """A rig of which laws with "contact" in their names are of one force."""
+
+    def same_force(self, family, other):
+        """By the names of their groups."""
+        return "contact" in family.group and "contact" in other.group
 
 
 def fit(per_freedom: float, resolved: float = 0.0) -> Any:
-    return Fake(per_freedom=per_freedom, samples=SAMPLES, resolved=resolved, noise=[])
+    structure = Fake(rig=OfTheContact())
+    return Fake(per_freedom=per_freedom, samples=SAMPLES, resolved=resolved, noise=[], structure=structure)
 
 
 def score(group: str, gain: float, freedom: int = 8, constant: str = "") -> Any:
@@ -30,6 +44,7 @@ def step(group: str, gain: float, equation: object) -> Any:
         family=Fake(name=group, group=group, constant="", terms=(group,)),
         named=Fake(equation=equation),
         pending=False,
+        corrects=False,
         gain_in=lambda fitted: gain,
     )
 
@@ -47,6 +62,71 @@ def test_what_sensors_do_not_resolve_is_no_mechanism():
 def test_what_a_law_leaves_is_held_against_other_mechanisms():
     there = [step("contact law", 1e5, None)]
     assert least_gain(score("damper", 50.0), fit(1.5), there, []) == pytest.approx(LAW_LEFT**2 * 1e5)
+
+
+def test_what_may_correct_a_measured_law_of_the_same_force_is_let_in():
+    """A contact's friction that depends on depth and speed at once is no sum of laws of each."""
+    measured, equation = step("contact speed", 1e5, None), step("contact speed", 1e5, "hunt-crossley")
+    other = score("contact law", 500.0)
+    assert least_gain(other, fit(1.5), [measured], [other]) == pytest.approx(penalty(other.freedom, fit(1.5)))
+    assert least_gain(other, fit(1.5), [equation], [other]) == pytest.approx(LAW_LEFT**2 * 1e5)
+    # what it corrects is held against all others, and the correction itself against none
+    correction = step("contact law", 500.0, None)
+    correction.corrects = True
+    damper = score("damper", 50.0)
+    assert least_gain(damper, fit(1.5), [measured, correction], []) == pytest.approx(LAW_LEFT**2 * 1e5)
+    assert least_gain(damper, fit(1.5), [correction], []) == pytest.approx(penalty(damper.freedom, fit(1.5)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "equation", "lacks", "corrects"),
+    [
+        (5e3, None, 4e3, True),
+        (5e3, None, 1e3, False),
+        (5e3, "power", 0.0, False),
+        (500.0, "power", 0.0, True),
+        (2e5, None, 1.9e5, False),
+    ],
+)
+def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equation, lacks, corrects):
+    """It is a mechanism where it explains more than the other's errors and an equation follows it, or most of it."""
+    monkeypatch.setattr(selection, "joined", lambda fitted, *_: fitted)
+
+    def identified(fitted, found, say):
+        return replace(found, named=Named("contact-power-law", equation, [(equation, lacks)]))
+
+    monkeypatch.setattr(selection, "identify_equation", identified)
+    before, after = fit(1.1), fit(1.05)
+    before.cost, after.cost, after.weight = gain, 0.0, 1.0
+    family: Any = Fake(name="contact law", group="contact law", constant="", mechanism="contact-power-law", terms=())
+    found = accept(before, family, after, 8, lambda _: None, [step("contact speed", 1e5, None)])
+    assert found.corrects == corrects
+
+
+def test_laws_of_one_force():
+    laws = {each.group: each for each in families(FLAT, [60.0, 90.0, 110.0])}
+    for one, other, same in (
+        ("contact law", "contact speed", True), ("contact law", "compaction", True), ("spring", "damper", True),
+        ("waveform", "drive gain", True), ("spring", "contact law", False), ("guide", "indenter", False),
+    ):  # fmt: skip
+        assert same_force(laws[one], laws[other]) == same_force(laws[other], laws[one]) == same, (one, other)
+
+
+def test_the_gain_of_a_law_by_the_quadratic_of_the_likelihood():
+    """Wald's: by all coefficients of a curve, and by the strength of an equation."""
+    unknown = Fake(value=0.0, width=2.0)
+    constants = Fake(name="constants", unknowns=[unknown])
+    curve, equation = Fake(name="curve", unknowns=[unknown] * 2), Equation("law", (unknown, unknown))  # type: ignore
+    covariance = np.diag([1.0, 0.5, 0.25, 4.0, 1.0])
+    fitted = Fitted(
+        Fake(terms=[constants, curve, equation], unknowns=[unknown] * 5), [],  # type: ignore[arg-type]
+        Fake(shared=np.array([9.0, 1.0, 2.0, 6.0, 9.0])), Any,  # type: ignore[arg-type]
+    )  # fmt: skip
+    vars(fitted)["covariance"] = covariance
+    by_curve, by_equation, by_constant = (Fake(terms=terms) for terms in ((curve,), (equation,), ()))
+    assert selection.wald_gain(fitted, by_curve) == pytest.approx(0.5 * (1.0 / 0.5 + 4.0 / 0.25))  # type: ignore
+    assert selection.wald_gain(fitted, by_equation) == pytest.approx(0.5 * 36.0 / 4.0)  # type: ignore[arg-type]
+    assert selection.wald_gain(fitted, by_constant) == 0.0  # type: ignore[arg-type]
 
 
 def test_a_correction_of_an_equation_is_spared_in_close_models_only():
