@@ -29,6 +29,8 @@ class Named:
     """The nearest equation with its parameters."""
     alike: tuple[str, ...] = ()
     """Other mechanisms that a law which no equation follows may be as well."""
+    tried: tuple[tuple[Term, Floats], ...] = ()
+    """Every equation that was tried, with the parameters that it came to."""
 
 
 def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
@@ -133,7 +135,8 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     as_well, best, found = tried[0]
     near = best, found.values_of(best.name)
     if as_well:
-        return Named(best.effect, best, nearest, near), found
+        came_to = tuple((equation, other.values_of(equation.name)) for _, equation, other in tried)
+        return Named(best.effect, best, nearest, near, tried=came_to), found
     return named_by_law(Named(family.mechanism, None, nearest, near), fitted, family, gain), fitted
 
 

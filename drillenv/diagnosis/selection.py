@@ -59,6 +59,8 @@ class Step:
     """Families that were there, itself included, when the equations were tried."""
     detail: int = 1
     """The resolution of its law that was tried last while the model was not close."""
+    provisional: bool = False
+    """Whether its equation was chosen while the model was far off."""
     corrects: bool = False
     """Whether it is no mechanism of its own, but what another measured law of the same force is off."""
 
@@ -121,8 +123,11 @@ def forward(
         # a model that has come close is to hold from window to window
         fitted = joined(fitted)
         for i, step in enumerate(steps):
-            if step.pending and fitted.per_freedom < CLOSE:
-                steps[i] = identify_equation(fitted, step, say)
+            if (step.pending or step.provisional) and fitted.per_freedom < CLOSE:
+                beside = gain_of_others(steps, step, fitted)
+                steps[i] = (
+                    identify_equation(fitted, step, say) if step.pending else reconsidered(fitted, step, beside, say)
+                )
                 fitted = steps[i].after
         tried = [each for each in still_possible(fitted, steps, possible, only) if each.name not in left_out]
         scores, level = score_tests(fitted, tried)
@@ -138,6 +143,7 @@ def forward(
         if step is not None:
             add_step(steps, step)
             fitted = step.after
+            keep(fitted, copied(steps), ScoreTests(scores, level))
             continue
         other = with_laws_changed(fitted, steps, say, earlier is None)
         if other is not None:
@@ -202,6 +208,11 @@ def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: b
     return exchanged(fitted, steps, say) if other is None and found_here else other
 
 
+def gain_of_others(steps: Sequence[Step], step: Step, fitted: Fitted) -> float:
+    """About what all other steps have gained, in as many samples as a fit has."""
+    return sum(each.gain_in(fitted) for each in steps if each is not step)
+
+
 def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     """The fit with an equation in the place of a measured law, now that what was missing beside it is there; or None.
 
@@ -214,9 +225,8 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
         if not measured or step.family.constant or step.beside == len(steps):
             continue
         lacked = min((worse for _, worse in step.named.nearest), default=0.0)
-        gained = sum(each.gain_in(fitted) for each in steps if each is not step)
         step.beside = len(steps)
-        if lacked * fitted.samples / step.samples > gained:
+        if lacked * fitted.samples / step.samples > gain_of_others(steps, step, fitted):
             continue
         as_it_is = tuple(each for each in fitted.structure.terms if each.name in names)
         named, other = name_law(fitted, replace(step.family, terms=as_it_is), step.gain, say)
@@ -540,7 +550,35 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     other = other.refit(structure, limits=limits, noise=noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
-    return replace(step, after=other, named=named, terms=terms, pending=False)
+    provisional = named.equation is not None and not close
+    return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional)
+
+
+def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
+    """A step whose equation was chosen in a far model, with the best of all that were tried, now that it is close.
+
+    What else was missing then, one equation may have taken up better than another, by no more than what was found
+    ``beside`` it has gained.
+    """
+    chosen = step.named.equation
+    if chosen is None:
+        return replace(step, after=fitted, provisional=False)
+    rest, begun = without(fitted, step.terms)
+    best, equation = fitted, chosen
+    worse = {each.name: by for each, by in step.named.nearest}
+    for each, values in step.named.tried:
+        if each.name == chosen.name or worse[each.name] - worse[chosen.name] > beside:
+            continue
+        structure = replace(rest, terms=(*rest.terms, each))
+        other = fitted.refit(structure, np.concatenate([begun, values / each.widths]), SHORT, states_first=True)
+        say(f"  {each.name} again: worse by {other.cost - fitted.cost:.1f}")
+        if criterion(other, fitted) < criterion(best, fitted):
+            best, equation = other, each
+    if equation is not chosen:
+        best = best.refit()
+        say(f"  {equation.effect}, {equation.name}: chi-square {best.per_freedom:.4f}")
+    named = replace(step.named, equation=equation, mechanism=equation.effect)
+    return replace(step, after=best, named=named, terms=(equation,), provisional=False)
 
 
 def corrected_equation(named: Named, other: Fitted, family: Family) -> tuple[Fitted, tuple[Term, ...]]:

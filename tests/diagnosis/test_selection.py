@@ -45,6 +45,7 @@ def step(group: str, gain: float, equation: object) -> Any:
         named=Fake(equation=equation),
         pending=False,
         corrects=False,
+        provisional=False,
         gain_in=lambda fitted: gain,
     )
 
@@ -101,6 +102,41 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
     family: Any = Fake(name="contact law", group="contact law", constant="", mechanism="contact-power-law", terms=())
     found = accept(before, family, after, 8, lambda _: None, [step("contact speed", 1e5, None)])
     assert found.corrects == corrects
+
+
+@pytest.mark.parametrize(("costs", "chosen"), [((90.0, 200.0), "coulomb"), ((115.0, 200.0), "stribeck")])
+def test_an_equation_that_was_chosen_in_a_far_model_is_provisional(monkeypatch, costs, chosen):
+    """Beside what else was missing then, one with more parameters may have done better than the true one."""
+    unknown = Fake(value=0.0, width=1.0)
+    stribeck, coulomb, rounded = (
+        Equation(name, (unknown,) * size, effect="indenter-friction")  # type: ignore[arg-type]
+        for name, size in (("stribeck", 3), ("coulomb", 1), ("rounded", 2))
+    )
+    made = dict(zip(("coulomb", "rounded"), costs, strict=True))
+
+    class Close:
+        samples, cost, per_freedom = SAMPLES, 100.0, 1.1
+
+        def __init__(self, structure, size, cost):
+            self.structure, self.fit, self.cost = structure, Fake(shared=np.zeros(size)), cost
+
+        def refit(self, structure=None, start=None, *_, **__):
+            return self if structure is None else Close(structure, start.size, made[structure.terms[-1].name])
+
+    monkeypatch.setattr(selection, "without", lambda fitted, terms: (rest, np.zeros(8)))
+    monkeypatch.setattr(selection, "replace", lambda each, **new: Fake(**{**vars(each), **new}))
+    rest = Fake(terms=())
+    tried = tuple((each, np.zeros(len(each.unknowns))) for each in (stribeck, coulomb, rounded))
+    nearest = [(stribeck, -50.0), (coulomb, 0.0), (rounded, -30.0)]
+    named = Fake(equation=stribeck, tried=tried, nearest=nearest, mechanism="indenter-friction")
+    there = Fake(named=named, terms=(stribeck,))
+    close: Any = Close(Fake(terms=(stribeck,)), 11, 100.0)
+    found: Any = selection.reconsidered(close, there, 60.0, lambda _: None)  # type: ignore[arg-type]
+    assert found.named.equation.name == chosen and not found.provisional
+    assert found.after.cost == (costs[0] if chosen == "coulomb" else 100.0)
+    # what has been found since is too little to make up for that
+    found = selection.reconsidered(close, there, 40.0, lambda _: None)  # type: ignore[arg-type]
+    assert found.named.equation.name == "stribeck"
 
 
 def test_laws_of_one_force():
