@@ -21,8 +21,9 @@ from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.naming import Named, does_as_well, without
 from drillenv.diagnosis.scope import Scope
-from drillenv.diagnosis.selection import Step, forward
+from drillenv.diagnosis.selection import forward
 from drillenv.diagnosis.solver import Limits
+from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import NOISY
 from drillenv.recordings import Campaign, QualityFinding

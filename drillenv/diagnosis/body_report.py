@@ -23,8 +23,8 @@ from drillenv.diagnosis.measured import POINTS, law_record, quantity, with_sprea
 from drillenv.diagnosis.naming import without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.score_tests import ScoreTests, regular
-from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.tables import Axes, interpolate
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, STRUCK, SURELY, TINY, WELL_EXPLAINED

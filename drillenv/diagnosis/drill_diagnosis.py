@@ -45,9 +45,10 @@ from drillenv.diagnosis.progress import (
 )
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import Step, forward
+from drillenv.diagnosis.selection import forward
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Limits
+from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL, STANDS_OUT

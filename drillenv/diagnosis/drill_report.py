@@ -27,9 +27,9 @@ from drillenv.diagnosis.measured import (
     quantity,
 )
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.tables import LARGEST_LOG
 from drillenv.diagnosis.thresholds import SILENT, STRUCK_DRILL
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM

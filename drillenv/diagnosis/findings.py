@@ -10,8 +10,8 @@ import numpy as np
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Equation
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import Step
 from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.thresholds import EQUAL, MOST_OF_LAW
 from drillenv.dynamics.effects import Effect

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import Step
+from drillenv.diagnosis.steps import Step
 
 
 class Stage(NamedTuple):

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import CONVERGED, JOINED, SHORT, Fitted, joined, penalty, with_windows_freed
-from drillenv.diagnosis.laws import Curve, Equation, Family, Gain, on_axes
-from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
-from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
+from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, joined, penalty, with_windows_freed
+from drillenv.diagnosis.laws import Equation, Family
+from drillenv.diagnosis.naming import with_more, without
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
 from drillenv.diagnosis.solver import Limits
-from drillenv.diagnosis.terms import Term
+from drillenv.diagnosis.steps import (
+    Say,
+    Step,
+    accept,
+    add_step,
+    copied,
+    gain_of_others,
+    identify_equation,
+    measured_beside,
+    reconsidered,
+    with_laws_changed,
+)
 from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
@@ -23,7 +32,6 @@ from drillenv.diagnosis.thresholds import (
     LAW_LEFT,
     LEFT,
     MOST_FAMILIES,
-    MOST_OF_LAW,
     NEAR,
     POSSIBLE,
 )
@@ -34,39 +42,6 @@ BEYOND_DOUBT = 20.0
 """Times what it has to gain from which a family is not left out for a try."""
 PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
-
-
-@dataclass
-class Step:
-    """A family that was added."""
-
-    family: Family
-    gain: float
-    freedom: int
-    samples: int
-    """Of the fit by which it was found."""
-    after: Fitted
-    named: Named
-    terms: tuple[Term, ...]
-    """Those of its law in the fit."""
-    rivals: list[tuple[Family, Fitted]]
-    """Families that were fitted at the same step."""
-    found: float = 0.0
-    """Cost of the family's own fit at that step."""
-    pending: bool = False
-    """Whether the equations have not been tried yet."""
-    beside: int = 0
-    """Families that were there, itself included, when the equations were tried."""
-    detail: int = 1
-    """The resolution of its law that was tried last while the model was not close."""
-    provisional: bool = False
-    """Whether its equation was chosen while the model was far off."""
-    corrects: bool = False
-    """Whether it is no mechanism of its own, but what another measured law of the same force is off."""
-
-    def gain_in(self, fitted: Fitted) -> float:
-        """About the gain in as many samples as another fit has."""
-        return self.gain * fitted.samples / self.samples
 
 
 def with_family(fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0) -> Fitted:
@@ -96,8 +71,7 @@ def candidates(fitted: Fitted) -> list[Family]:
     return fitted.structure.rig.candidates(fitted) + wrong
 
 
-Say = Callable[[str], object]
-Keep = Callable[[Fitted, list["Step"], ScoreTests], object]
+Keep = Callable[[Fitted, list[Step], ScoreTests], object]
 """Told a fit, the steps that it has taken, and the tests of what else there may be."""
 
 
@@ -158,83 +132,12 @@ def forward(
         steps, possible = kept, None
 
 
-def copied(steps: Sequence[Step]) -> list[Step]:
-    """Steps that stay as they are while the search goes on and changes its own."""
-    return [replace(each, named=replace(each.named)) for each in steps]
-
-
-def measured_beside(family: Family, fitted: Fitted, steps: Sequence[Step]) -> list[Step]:
-    """Steps whose law follows no equation and is of the same force as a family's, over another argument.
-
-    A force that depends on two arguments at once, as friction in a contact on speed and depth, is no sum of laws of
-    each: what is left of it, a law over the other argument takes up.
-    """
-    rig = fitted.structure.rig
-    return [
-        each
-        for each in steps
-        if each.named.equation is None and not each.corrects and each.family.group != family.group
-        if rig.same_force(each.family, family)
-    ]
-
-
-def add_step(steps: list[Step], step: Step) -> None:
-    """Add a step, or where it corrects an equation that is there, its terms to that one's."""
-    corrected = next((each for each in steps if each.family.group == step.family.group), None)
-    if corrected is None:
-        steps.append(step)
-        step.beside = len(steps)
-    else:
-        corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
-
-
 def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
     """The largest gains by the score test, on recordings left out, and the gains needed, for a person."""
     return ", ".join(
         f"{each.family.name} {each.gain:.1f} ({each.cross_validated:.1f}) of {least:.1f}"
         for each, least in zip(scores[:5], needed, strict=False)
     )
-
-
-def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: bool) -> Fitted | None:
-    """The fit with a law that was found drawn finer, in an equation's words, or exchanged for a rival's; or None.
-
-    Rivals were fitted to the same samples only where the steps were ``found_here``.
-    """
-    finer = with_finer_law(fitted, steps, say)
-    if finer is not None:
-        return finer
-    other = with_equations(fitted, steps, say)
-    return exchanged(fitted, steps, say) if other is None and found_here else other
-
-
-def gain_of_others(steps: Sequence[Step], step: Step, fitted: Fitted) -> float:
-    """About what all other steps have gained, in as many samples as a fit has."""
-    return sum(each.gain_in(fitted) for each in steps if each is not step)
-
-
-def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
-    """The fit with an equation in the place of a measured law, now that what was missing beside it is there; or None.
-
-    Equations are not as supple as free laws: beside another mechanism that is missing even the true one does worse, by
-    no more than that mechanism has gained.
-    """
-    for i, step in enumerate(steps):
-        names = {each.name for each in step.family.terms}
-        measured = step.named.equation is None and not step.corrects and names == {each.name for each in step.terms}
-        if not measured or step.family.constant or step.beside == len(steps):
-            continue
-        lacked = min((worse for _, worse in step.named.nearest), default=0.0)
-        step.beside = len(steps)
-        if lacked * fitted.samples / step.samples > gain_of_others(steps, step, fitted):
-            continue
-        as_it_is = tuple(each for each in fitted.structure.terms if each.name in names)
-        named, other = name_law(fitted, replace(step.family, terms=as_it_is), step.gain, say)
-        if named.equation is not None:
-            say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.per_freedom:.4f}")
-            steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
-            return other
-    return None
 
 
 def still_possible(
@@ -258,67 +161,6 @@ def still_possible(
         found += fitted.structure.rig.at_own_frequency(fitted, there)
     scope, rig = fitted.structure.scope, fitted.structure.rig
     return found if scope is None else [each for each in found if scope.has(each, rig.mechanisms_of(each))]
-
-
-def with_finer_law(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
-    """The fit with a finer law where none is called for but the model is not close: corners leave much, coarsely drawn.
-
-    The law that explains most comes first; None where none gets finer and explains a part of what is left by that.
-    """
-    if fitted.per_freedom < CLOSE:
-        return None
-    left = LAW_LEFT * (fitted.cost - 0.5 * fitted.freedom)
-    for step in sorted(steps, key=lambda each: -each.gain):
-        curved = any(isinstance(each, Curve | Gain) for each in step.terms)
-        if curved and step.named.equation is None and step.detail < DETAILS[-1] and step.terms == step.family.terms:
-            step.detail *= 2
-            finer = with_detail(fitted, step.family, step.detail)
-            more = penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted)
-            if finer.cost < fitted.cost - max(more, left):
-                say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
-                names = {each.name for each in step.terms}
-                step.terms = tuple(each for each in finer.structure.terms if each.name in names)
-                step.family = replace(step.family, terms=step.terms)
-                return finer
-    return None
-
-
-def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
-    """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
-
-    What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
-    that follows an equation to the noise leaves nothing that a rival could do better.
-    """
-    for step in steps:
-        follows = step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT
-        if step.family.constant or step.corrects or follows:
-            continue
-        close = [family for family, other in step.rivals if other.cost - step.found < LAW_LEFT * step.gain]
-        step.rivals = [each for each in step.rivals if each[0] not in close]
-        rest, begun = without(fitted, step.terms)
-        for family in close:
-            if any(each.family.group == family.group for each in steps):
-                continue
-            structure, start = with_more(rest, begun, family)
-            other = fitted.refit(structure, start)
-            finer = refined(other, family)
-            say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
-            if finer.cost > fitted.cost and criterion(finer, fitted) > criterion(fitted, fitted):
-                continue
-            fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
-            base = replace(fitted, structure=rest, fit=fit)
-            found = accept(base, family, other, family.size, say)
-            # an equation that it follows has fewer parameters than its free law
-            if criterion(found.after, fitted) < criterion(fitted, fitted):
-                step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
-                step.pending = found.pending
-                return found.after
-    return None
-
-
-def criterion(other: Fitted, fitted: Fitted) -> float:
-    """Negative log-likelihood with the penalty on parameters, of fits of the same samples as a given one."""
-    return other.cost + penalty(other.fit.shared.size, fitted)
 
 
 def least_gain(
@@ -491,107 +333,6 @@ def refine_candidates(
         best = again.cost if best is None else min(best, again.cost)
     fits.sort(key=lambda pair: penalised(*pair, fitted))
     return fits
-
-
-def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say, steps: Sequence[Step] = ()) -> Step:
-    """A family that was chosen, with its windows joined, and the equation that its law follows.
-
-    Where none does, and something else is missing as well, they are tried again once the model is close. What corrects
-    the equation of an earlier step follows none itself. What explains no more than errors of a measured law of the same
-    force would leave, or follows no equation beside one that explains more, corrects that law.
-    """
-    loose = found.weight
-    found = joined(found)
-    if found.weight < loose:
-        say(f"  joined: chi-square {found.per_freedom:.4f}")
-    named = Named(family.mechanism, None, [])
-    gain = max(fitted.cost - found.cost, 1.0)
-    of_equation = any(each.family.group == family.group and each.named.equation is not None for each in steps)
-    pending = not (of_equation or family.constant)
-    step = Step(family, gain, freedom, fitted.samples, found, named, family.terms, [], pending=pending)
-    explained = max((each.gain_in(fitted) for each in measured_beside(family, fitted, steps)), default=0.0)
-    if gain > LAW_LEFT**2 * explained:
-        step = identify_equation(found, step, say)
-        nearest = step.named.nearest[0][1] if step.named.nearest else math.inf
-        if gain > explained or step.named.equation is not None or nearest < MOST_OF_LAW * gain:
-            return step
-    say(f"  {family.name} corrects another law of the same force")
-    return replace(step, corrects=True, pending=False)
-
-
-def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
-    """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for."""
-    family, gain, found = step.family, step.gain, fitted
-    if step.pending:
-        named, other = name_law(found, family, gain, say)
-    else:
-        named, other = step.named, found
-    if named.equation is None and found.per_freedom > CLOSE:
-        return replace(step, named=named, after=found)
-    terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
-    if family.terms and (named.equation is None or other.cost > found.cost):
-        finer = refined(found, family)
-        fewer = finer.fit.shared.size - other.fit.shared.size
-        if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
-            terms = tuple(each for each in finer.structure.terms if each.name in {one.name for one in family.terms})
-            measured, other = replace(named, equation=None), finer
-            named = named_by_law(measured, finer, replace(family, terms=terms), gain)
-    if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
-        both, joint = corrected_equation(named, other, family)
-        # priors that make a law smooth are a part of its cost, and none of what a correction gains
-        if both.cost < min(other.cost, found.cost) - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
-            say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
-            named.equation, other, terms = None, both, joint
-    close = other.per_freedom < CLOSE
-    noise = other.structure.rig.noise_left(other) if close else other.noise
-    structure = on_axes(other.structure, other.structure.rig.axes_at(other))
-    # what else is missing moves a far model's minimum, so that to follow it to its end is in vain
-    limits = CONVERGED if close else SHORT
-    other = other.refit(structure, limits=limits, noise=noise)
-    form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
-    say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
-    provisional = named.equation is not None and not close
-    return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional)
-
-
-def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
-    """A step whose equation was chosen in a far model, with the best of all that were tried, now that it is close.
-
-    What else was missing then, one equation may have taken up better than another, by no more than what was found
-    ``beside`` it has gained.
-    """
-    chosen = step.named.equation
-    if chosen is None:
-        return replace(step, after=fitted, provisional=False)
-    rest, begun = without(fitted, step.terms)
-    best, equation = fitted, chosen
-    worse = {each.name: by for each, by in step.named.nearest}
-    for each, values in step.named.tried:
-        if each.name == chosen.name or worse[each.name] - worse[chosen.name] > beside:
-            continue
-        structure = replace(rest, terms=(*rest.terms, each))
-        other = fitted.refit(structure, np.concatenate([begun, values / each.widths]), SHORT, states_first=True)
-        say(f"  {each.name} again: worse by {other.cost - fitted.cost:.1f}")
-        if criterion(other, fitted) < criterion(best, fitted):
-            best, equation = other, each
-    if equation is not chosen:
-        best = best.refit()
-        say(f"  {equation.effect}, {equation.name}: chi-square {best.per_freedom:.4f}")
-    named = replace(step.named, equation=equation, mechanism=equation.effect)
-    return replace(step, after=best, named=named, terms=(equation,), provisional=False)
-
-
-def corrected_equation(named: Named, other: Fitted, family: Family) -> tuple[Fitted, tuple[Term, ...]]:
-    """The nearest equation with a free law of the same family on top, which sharp corners leave less to do for."""
-    assert named.nearest_fit is not None
-    equation, start = named.nearest_fit
-    rest, begun = without(other, family.terms)
-    scaled = start / equation.widths
-    zeros = np.array([each.value / each.width for each in family.unknowns])
-    structure = replace(rest, terms=(*rest.terms, equation, *family.terms))
-    begun = np.concatenate([begun, scaled, zeros])
-    both = other.refit(structure, begun)
-    return both, (equation, *family.terms)
 
 
 def backward(

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drillenv.diagnosis import resolution, selection
+from drillenv.diagnosis import resolution, selection, steps
 from drillenv.diagnosis.adapter import Adapter
 from drillenv.diagnosis.fitting import Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, families, same_force
 from drillenv.diagnosis.naming import Named
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import accept, forward, least_gain, strength_shows
+from drillenv.diagnosis.selection import forward, least_gain, strength_shows
+from drillenv.diagnosis.steps import accept
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.thresholds import LAW_LEFT
 
@@ -91,12 +92,12 @@ def test_what_may_correct_a_measured_law_of_the_same_force_is_let_in():
 )
 def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equation, lacks, corrects):
     """It is a mechanism where it explains more than the other's errors and an equation follows it, or most of it."""
-    monkeypatch.setattr(selection, "joined", lambda fitted, *_: fitted)
+    monkeypatch.setattr(steps, "joined", lambda fitted, *_: fitted)
 
     def identified(fitted, found, say):
         return replace(found, named=Named("contact-power-law", equation, [(equation, lacks)]))
 
-    monkeypatch.setattr(selection, "identify_equation", identified)
+    monkeypatch.setattr(steps, "identify_equation", identified)
     before, after = fit(1.1), fit(1.05)
     before.cost, after.cost, after.weight = gain, 0.0, 1.0
     family: Any = Fake(name="contact law", group="contact law", constant="", mechanism="contact-power-law", terms=())
@@ -123,19 +124,19 @@ def test_an_equation_that_was_chosen_in_a_far_model_is_provisional(monkeypatch, 
         def refit(self, structure=None, start=None, *_, **__):
             return self if structure is None else Close(structure, start.size, made[structure.terms[-1].name])
 
-    monkeypatch.setattr(selection, "without", lambda fitted, terms: (rest, np.zeros(8)))
-    monkeypatch.setattr(selection, "replace", lambda each, **new: Fake(**{**vars(each), **new}))
+    monkeypatch.setattr(steps, "without", lambda fitted, terms: (rest, np.zeros(8)))
+    monkeypatch.setattr(steps, "replace", lambda each, **new: Fake(**{**vars(each), **new}))
     rest = Fake(terms=())
     tried = tuple((each, np.zeros(len(each.unknowns))) for each in (stribeck, coulomb, rounded))
     nearest = [(stribeck, -50.0), (coulomb, 0.0), (rounded, -30.0)]
     named = Fake(equation=stribeck, tried=tried, nearest=nearest, mechanism="indenter-friction")
     there = Fake(named=named, terms=(stribeck,))
     close: Any = Close(Fake(terms=(stribeck,)), 11, 100.0)
-    found: Any = selection.reconsidered(close, there, 60.0, lambda _: None)  # type: ignore[arg-type]
+    found: Any = steps.reconsidered(close, there, 60.0, lambda _: None)  # type: ignore[arg-type]
     assert found.named.equation.name == chosen and not found.provisional
     assert found.after.cost == (costs[0] if chosen == "coulomb" else 100.0)
     # what has been found since is too little to make up for that
-    found = selection.reconsidered(close, there, 40.0, lambda _: None)  # type: ignore[arg-type]
+    found = steps.reconsidered(close, there, 40.0, lambda _: None)  # type: ignore[arg-type]
     assert found.named.equation.name == "stribeck"
 
 
@@ -243,8 +244,8 @@ def test_what_a_free_law_leaves_is_at_most_half_of_what_is_left():
 
 def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     """Beside what is needless after all, another family looked like chance; what was left out is not tried again."""
-    steps = [step("guide", 90.0, None), step("mass", 60.0, None)]
-    mass, air = steps[1].family, Fake(name="air", group="air")
+    there = [step("guide", 90.0, None), step("mass", 60.0, None)]
+    mass, air = there[1].family, Fake(name="air", group="air")
     tried = []
 
     def score_tests(fitted, families):
@@ -266,6 +267,6 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     )
     monkeypatch.setattr(selection, "copied", list)
     earlier: Any = Fake(scores=[Fake(family=mass, p=0.01), Fake(family=air, p=0.5)], level=0.01)
-    _, kept, _ = forward(fit(1.5), before=steps, earlier=earlier)  # type: ignore[arg-type]
+    _, kept, _ = forward(fit(1.5), before=there, earlier=earlier)  # type: ignore[arg-type]
     assert [each.family.name for each in kept] == ["guide"]
     assert tried == [["mass"], ["air"]]
