@@ -238,6 +238,16 @@ def drilled():
     return page(*drill())
 
 
+@pytest.mark.parametrize(("unit", "moves"), [("m", True), ("m/s", False)])
+def test_a_law_is_told_with_the_constant_beside_it(unit, moves):
+    title, record, waves = drill()
+    beside = {"constant": "loading_stiffness", "value": 1.52e7, "unit": "N/m"}
+    record["findings"][0]["law"] = {**LAW, "argument_unit": unit, "beside": beside}
+    said = page(title, record, waves)
+    assert "It stands beside the loading stiffness 1.52" in said
+    assert ("No channel tells where the displacement is zero" in said) == moves
+
+
 def test_everything_is_on_the_page_in_order(drilled):
     seen = Seen(drilled)
     sections = [each for tag, each in seen.elements if tag == "section"]
