@@ -36,11 +36,10 @@ WORSE, CORRECTIONS = 10.0, 6
 def corrected(block: ShootingProblem, shared: Floats, cost: float, own: Floats, before: float) -> tuple[float, Floats]:
     """Cost and own unknowns after steps of their own, where the last one of all parameters made the recording worse.
 
-    Until it is no worse: where windows are joined, their states follow the shared parameters along a curve.
+    Where windows are joined, their states follow the shared parameters along a curve. They are followed to their end:
+    own unknowns that are left where the recording is no worse than before stay in another valley.
     """
-    if before < cost < WORSE * before:
-        return fit_states(block, shared, own, cost, CORRECTIONS, enough=before)
-    return cost, own
+    return fit_states(block, shared, own, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, own)
 
 
 def line_search(
@@ -178,15 +177,11 @@ def estimate_states(block: ShootingProblem, shared: Floats, own: Floats, steps: 
     return fit_states(block, shared, own, cost, steps)[1] if math.isfinite(cost) else own
 
 
-def fit_states(
-    block: ShootingProblem, shared: Floats, own: Floats, cost: float, steps: int, enough: float = -math.inf
-) -> tuple[float, Floats]:
-    """The same from a known cost, with the cost after them; until the cost is ``enough``."""
+def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float, steps: int) -> tuple[float, Floats]:
+    """The same from a known cost, with the cost after them."""
     damping, part = 1e-3, None
     samples = block.samples
     for _ in range(steps):
-        if cost <= enough:
-            break
         part = block.quadratic(shared, own, fixed=True) if part is None else part
         move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
         little = max(0.5, 1e-3 * (cost - 0.5 * samples))
