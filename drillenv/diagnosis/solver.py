@@ -190,7 +190,7 @@ def minimise(
         tried = _advanced(blocks, point, own, moves, costs, each)
         gain = before - sum(cost for cost, _ in tried) - priors.cost(point)
         if gain < GAIN_RATIO * promised:
-            # own unknowns have not followed the shared ones: where most have, the next step sees to the others
+            # own unknowns have not followed the shared ones; where most have, the next step sees to the rest
             tried = _corrected(blocks, point, tried, costs, each)
             gain = before - sum(cost for cost, _ in tried) - priors.cost(point)
         steps += 1

@@ -116,7 +116,9 @@ def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say
     if gain > LAW_LEFT**2 * explained:
         step = identify_equation(found, step, say)
         nearest = step.named.nearest[0][1] if step.named.nearest else math.inf
-        if gain > explained or step.named.equation is not None or nearest < MOST_OF_LAW * gain:
+        follows = step.named.equation is not None or nearest < MOST_OF_LAW * gain
+        # in a far model that no equation follows says nothing yet
+        if gain > explained or follows or step.pending:
             return step
     say(f"  {family.name} corrects another law of the same force")
     return replace(step, corrects=True, pending=False)

@@ -81,21 +81,22 @@ def test_what_may_correct_a_measured_law_of_the_same_force_is_let_in():
 
 
 @pytest.mark.parametrize(
-    ("gain", "equation", "lacks", "corrects"),
+    ("gain", "equation", "lacks", "pending", "corrects"),
     [
-        (5e3, None, 4e3, True),
-        (5e3, None, 1e3, False),
-        (5e3, "power", 0.0, False),
-        (500.0, "power", 0.0, True),
-        (2e5, None, 1.9e5, False),
+        (5e3, None, 4e3, False, True),
+        (5e3, None, 4e3, True, False),
+        (5e3, None, 1e3, False, False),
+        (5e3, "power", 0.0, False, False),
+        (500.0, "power", 0.0, False, True),
+        (2e5, None, 1.9e5, False, False),
     ],
 )
-def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equation, lacks, corrects):
+def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equation, lacks, pending, corrects):
     """It is a mechanism where it explains more than the other's errors and an equation follows it, or most of it."""
     monkeypatch.setattr(steps, "joined", lambda fitted, *_: fitted)
 
     def identified(fitted, found, say):
-        return replace(found, named=Named("contact-power-law", equation, [(equation, lacks)]))
+        return replace(found, named=Named("contact-power-law", equation, [(equation, lacks)]), pending=pending)
 
     monkeypatch.setattr(steps, "identify_equation", identified)
     before, after = fit(1.1), fit(1.05)
