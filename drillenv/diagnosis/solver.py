@@ -186,13 +186,9 @@ def minimise(
         if converged := promised < little and damping.size < UNDAMPED:
             break
         point = np.clip(shared + step, priors.low, priors.high)
-        before = sum(costs) + priors.cost(shared)
-        tried = _advanced(blocks, point, own, moves, costs, each)
-        gain = before - sum(cost for cost, _ in tried) - priors.cost(point)
-        if gain < GAIN_RATIO * promised:
-            # own unknowns have not followed the shared ones; where most have, the next step sees to the rest
-            tried = _corrected(blocks, point, tried, costs, each)
-            gain = before - sum(cost for cost, _ in tried) - priors.cost(point)
+        dearer = priors.cost(point) - priors.cost(shared)
+        tried = _advanced(blocks, point, own, moves, costs, GAIN_RATIO * promised + dearer, each)
+        gain = sum(costs) - sum(cost for cost, _ in tried) - dearer
         steps += 1
         held = damping.adapt(gain / max(promised, 1e-12))
         if gain > 0.0:
@@ -232,12 +228,18 @@ def _quadratics(blocks: Sequence[RecordingProblem], shared: Floats, own, each: C
     return list(each(lambda block, x: block.quadratic(shared, x), blocks, own))
 
 
-def _advanced(blocks, point: Floats, own, moves, costs, each: Callable) -> list[tuple[float, Floats]]:
-    return list(each(lambda block, *given: block.try_step(point, *given), blocks, own, moves, costs))
+def _advanced(
+    blocks, point: Floats, own, moves, costs: Sequence[float], least: float, each: Callable
+) -> list[tuple[float, Floats]]:
+    """Cost and own unknowns of each block after a step.
 
-
-def _corrected(blocks, point: Floats, tried, costs, each: Callable) -> list[tuple[float, Floats]]:
-    return list(each(lambda block, *given: block.corrected(point, *given), blocks, tried, costs))
+    Where all together gain less than ``least``, own unknowns have not followed the shared ones, and are corrected; else
+    the next step sees to those that have not.
+    """
+    tried = list(each(lambda block, *given: block.try_step(point, *given), blocks, own, moves, costs))
+    if sum(costs) - sum(cost for cost, _ in tried) < least:
+        tried = list(each(lambda block, *given: block.corrected(point, *given), blocks, tried, costs))
+    return tried
 
 
 def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: float):
