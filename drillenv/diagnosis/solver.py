@@ -166,8 +166,7 @@ def minimise(
     each = side_by_side(pool)
     shared, own = np.clip(shared, priors.low, priors.high), list(own)
     costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
-    if not math.isfinite(sum(costs)):
-        # there is no motion to begin with
+    if not math.isfinite(sum(costs)):  # there is no motion to begin with
         return Fit(shared, own, math.inf, math.inf, costs, [], np.zeros((shared.size, shared.size)), False, 0)
     start, begun = shared, sum(costs)
     damping, converged, steps = _Damping(), False, 0
