@@ -362,7 +362,7 @@ def law_beside(
         if shape.visited == "depth":
             # above the rock there is no contact
             found = np.where(at < 0.0, np.nan, found)
-        return _nearest(found, true, x, whole.open)
+        return nearest(found, true, x, whole.open)
 
     def off(by: float) -> float:
         found = moved(by)
@@ -392,10 +392,10 @@ def _rms(values: Floats) -> float:
 
 def _less(values: Floats, x: Floats, free: Sequence[Callable[[Floats], Floats]]) -> Floats:
     """Values less what functions of the argument can take up of them."""
-    return values - _nearest(np.zeros_like(values), values, x, free)
+    return values - nearest(np.zeros_like(values), values, x, free)
 
 
-def _nearest(found: Floats, true: Floats, x: Floats, free: Sequence[Callable[[Floats], Floats]]) -> Floats:
+def nearest(found: Floats, true: Floats, x: Floats, free: Sequence[Callable[[Floats], Floats]]) -> Floats:
     """A curve with such multiples of functions of the argument as bring it nearest to the true one."""
     known = np.isfinite(found)
     if not free or not known.any():

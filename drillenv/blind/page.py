@@ -538,12 +538,8 @@ def _compared(name: str, x: Floats, true: Floats, found: Floats) -> Floats | Non
 
     The marks compare these two. None where the constants can take up nothing.
     """
-    free, known = curves.SHAPES[name].free, np.isfinite(found)
-    if not free or not known.any():
-        return None
-    basis = np.column_stack([each(x) for each in free])
-    basis = basis / np.linalg.norm(basis[known], axis=0)
-    return found + basis @ np.linalg.lstsq(basis[known], (true - found)[known], rcond=None)[0]
+    free = curves.SHAPES[name].free
+    return curves.nearest(found, true, x, free) if free and np.isfinite(found).any() else None
 
 
 def _law(law: Mapping[str, Any], x: Floats, true: Floats, found: Floats, compared: Floats | None) -> Markup:

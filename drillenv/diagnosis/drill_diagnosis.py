@@ -48,7 +48,7 @@ from drillenv.diagnosis.score_tests import ScoreTests
 from drillenv.diagnosis.selection import forward
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Limits
-from drillenv.diagnosis.steps import Step
+from drillenv.diagnosis.steps import Step, mechanisms_of
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import CLOSE, LEFT, SEVERAL, STANDS_OUT
@@ -107,7 +107,7 @@ class Outcome:
     @property
     def mechanisms(self) -> list[Step]:
         """What was added less what corrects another measured law."""
-        return [step for step in self.steps if not step.corrects]
+        return mechanisms_of(self.steps)
 
     @property
     def held_out(self) -> tuple[list[StateEstimate], list[StateEstimate]]:
@@ -397,7 +397,7 @@ def verdict_of(final: Fitted, steps: Sequence[Step], held: tuple[float, float] |
     # windows that are not joined have states that no motion has
     if worst > CLOSE - 1.0:
         return "unexplained"
-    missing = [step for step in steps if not step.corrects]
+    missing = mechanisms_of(steps)
     outside = any(step.family.outside for step in missing)
     return classify(bool(missing), outside, bool(wrong_constants(final)), worst > LEFT, share)
 

@@ -22,6 +22,7 @@ from drillenv.diagnosis.steps import (
     gain_of_others,
     identify_equation,
     measured_beside,
+    mechanisms_of,
     reconsidered,
     with_laws_changed,
 )
@@ -112,7 +113,7 @@ def forward(
         say(f"score tests: {largest(scores, needed)}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
         step = None
-        if chosen and sum(not (each.family.constant or each.corrects) for each in steps) < MOST_FAMILIES:
+        if chosen and sum(not each.family.constant for each in mechanisms_of(steps)) < MOST_FAMILIES:
             step = best_step(fitted, chosen, level, say, steps)
         if step is not None:
             add_step(steps, step)

@@ -61,6 +61,11 @@ def copied(steps: Sequence[Step]) -> list[Step]:
     return [replace(each, named=replace(each.named)) for each in steps]
 
 
+def mechanisms_of(steps: Sequence[Step]) -> list[Step]:
+    """Those that are mechanisms of their own, and not what corrects another measured law."""
+    return [each for each in steps if not each.corrects]
+
+
 def add_step(steps: list[Step], step: Step) -> None:
     """Add a step, or where it corrects an equation that is there, its terms to that one's."""
     corrected = next((each for each in steps if each.family.group == step.family.group), None)
@@ -85,8 +90,8 @@ def measured_beside(family: Family, fitted: Fitted, steps: Sequence[Step]) -> li
     rig = fitted.structure.rig
     return [
         each
-        for each in steps
-        if each.named.equation is None and not each.corrects and each.family.group != family.group
+        for each in mechanisms_of(steps)
+        if each.named.equation is None and each.family.group != family.group
         if rig.same_force(each.family, family)
     ]
 
