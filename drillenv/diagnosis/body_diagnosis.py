@@ -19,7 +19,7 @@ from drillenv.diagnosis.body_report import BodyOutcome, BodyReport, is_of_speed
 from drillenv.diagnosis.body_rig import BodyRig, Scale, axes_of_bodies, gain_of_law, law_of_body, sampling
 from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
-from drillenv.diagnosis.naming import Named, does_as_well, without
+from drillenv.diagnosis.naming import Named, Tried, does_as_well, without
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.selection import forward
 from drillenv.diagnosis.solver import Limits
@@ -165,6 +165,9 @@ def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object])
         say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
         for each in best[1]:
             values, others = fitted.values_of(each.name), without(fitted, (each,))
-            named, gain = Named(each.effect, each, [], (each, values)), fitted.refit(*others).cost - fitted.cost
+            named, gain = (
+                Named(each.effect, each, (Tried(each, values, 0.0),)),
+                fitted.refit(*others).cost - fitted.cost,
+            )
             found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted, gain=gain))
     return fitted, found

@@ -355,8 +355,7 @@ class BodyReport:
         inside = final.indices_of(terms) + list(straight)
         widths = final.structure.widths[inside]
         stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
-        names = {each.name for each in terms}
-        terms = [each for each in final.structure.terms if each.name in names]
+        terms = final.structure.current(terms)
 
         def curve(scaled: Floats) -> Floats:
             total, first = np.zeros(POINTS), 0
@@ -381,19 +380,16 @@ class BodyReport:
         """Parameters of the equation that comes nearest to a measured law, where it explains nearly all of it."""
         if not self.comes_near(step):
             return {}
-        assert step.named.nearest_fit is not None
-        return self.stated(step.named.nearest_fit[0], self.alone(step))
+        return self.stated(step.named.tried[0].equation, self.alone(step))
 
     def comes_near(self, step: Step) -> bool:
         """Whether the nearest equation explains nearly all that a measured law does."""
-        named = step.named
-        worse = named.nearest[0][1] if named.nearest else 0.0
-        return named.nearest_fit is not None and worse < (1.0 - WELL_EXPLAINED) * step.gain
+        tried = step.named.tried
+        return bool(tried) and tried[0].worse < (1.0 - WELL_EXPLAINED) * step.gain
 
     def alone(self, step: Step) -> Fitted:
         """The law with the equation that comes nearest to a step's law."""
-        assert step.named.nearest_fit is not None
-        equation, values = step.named.nearest_fit
+        equation, values, _ = step.named.tried[0]
         plain = self.plain
         structure = replace(plain.structure, terms=(*plain.structure.terms, equation))
         start = np.concatenate([plain.fit.shared, values / equation.widths])
@@ -407,7 +403,7 @@ class BodyReport:
     def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
         """Parameters of an equation in a fit."""
         found = {}
-        for symbol, each in parameters_of(fitted, equation, deviations(fitted)).items():
+        for symbol, each in parameters_of(fitted, equation).items():
             std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
             found[symbol] = quantity(each["value"], std, each["unit"])
         return found

@@ -16,19 +16,8 @@ Orders = tuple[int, ...]
 """q in the harmonics of tone / q: 1 for the tone itself, 2 for half of it, and so on."""
 
 
-class Comb(NamedTuple):
-    """A series without its sines at the harmonics of a tone."""
-
-    rest: Floats
-    """(n,), what the sines and the mean leave."""
-    tones: NDArray[np.floating]
-    """(lines,), the harmonics below the Nyquist frequency, in cycles per sample."""
-    power: Floats
-    """(lines,), the sum of squares each explains: two degrees of freedom of the noise."""
-
-
-def remove_harmonics(samples: Floats, tone: float, orders: Orders) -> Comb:
-    """Take the mean and all harmonics of tone / order out of a series (n,); the tone in cycles per sample.
+def without_harmonics(samples: Floats, tone: float, orders: Orders) -> Floats:
+    """A series (n,) less its mean and all harmonics of tone / order; the tone in cycles per sample.
 
     The products of the sines form a Toeplitz matrix, of Dirichlet's kernel, so that conjugate gradients with fast
     Fourier transforms solve the normal equations of thousands of sines in milliseconds.
@@ -44,18 +33,13 @@ def remove_harmonics(samples: Floats, tone: float, orders: Orders) -> Comb:
     operator = LinearOperator((length, length), matvec=product, dtype=complex)  # pyright: ignore[reportCallIssue]
     found, _ = cg(operator, np.concatenate([right[:0:-1].conj(), right]), rtol=1e-7, maxiter=60)
     factors = found[k - 1 :]
-    power = 2.0 * np.real(factors.conj() * right)
     factors[1:] *= 2.0
-    fitted = np.real(made.back(factors * made.centre.conj()))
-    harmonics = made.wanted & (np.arange(k) > 0)
-    return Comb(samples - fitted, made.step * np.flatnonzero(harmonics), power[harmonics])
+    return samples - np.real(made.back(factors * made.centre.conj()))
 
 
 class _Plan(NamedTuple):
     """What depends on the tone and on how many samples there are, and not on them."""
 
-    step: float
-    """Cycles per sample from one possible line to the next."""
     wanted: NDArray[np.bool_]
     """(k,) whether there is one, from 0 on."""
     centre: NDArray[np.complex128]
@@ -78,7 +62,6 @@ def _plan(n: int, tone: float, orders: Orders) -> _Plan:
     circulant[: kernel.size] = kernel
     circulant[circulant.size - kernel.size + 1 :] = kernel[:0:-1]
     return _Plan(
-        step,
         wanted,
         np.exp(1j * np.pi * step * (n - 1) * k),
         np.concatenate([wanted[:0:-1], wanted]),

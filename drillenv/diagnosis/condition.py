@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, lfilter, upfirdn
+from scipy.signal import cont2discrete, lfilter, ss2tf, upfirdn
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.coupling import ADDED
@@ -197,24 +197,12 @@ def spring_from_force(
     push = rig.static_force(setting) / m1 - (rig.drive_force(setting) * np.sin(angle) - force) / m2
     given = (flow, np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1)))
     discrete: Any = cont2discrete(given, 1 / rate, method="foh")
-    a, b, d = (np.asarray(discrete[i]) for i in (0, 1, 3))
-    b, d = b[:, 0], d[:, 0]
-    # (z - A)^-1 b + d of a 2x2 system as two filters with one denominator
-    denominator = np.array([1.0, -np.trace(a), np.linalg.det(a)])
-    swap = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
-    driven = [
-        lfilter(
-            np.array([d[i], b[i] + d[i] * denominator[1], d[i] * denominator[2] - (swap @ b)[i]]), denominator, push
-        )
-        for i in range(2)
-    ]
-    values, vectors = np.linalg.eig(a)
-    steps = np.arange(force.size)
-    free = np.real(vectors[:, :, None] * values[None, :, None] ** steps[None, None, :])
-    if np.iscomplexobj(values):
-        first = vectors[:, :1, None] * values[None, :1, None] ** steps[None, None, :]
-        free = np.concatenate([first.real, first.imag], axis=1)
-    driven = np.stack([np.asarray(each) for each in driven])
+    numerators, denominator = ss2tf(*discrete[:4])
+    driven = np.stack([lfilter(each, denominator, push) for each in numerators])
+    values, vectors = np.linalg.eig(discrete[0])
+    modes = vectors[:, :, None] * values[:, None] ** np.arange(force.size)
+    # of a pair of modes, real and imaginary parts; what is there twice least squares shares out
+    free = np.concatenate([modes.real, modes.imag], axis=1)
     lacking = acceleration - (rig.drive_force(setting) * np.sin(angle) + k * driven[0] + c * driven[1] - force) / m2
     shape = (k * free[0] + c * free[1]) / m2
     first_steps = slice(0, min(force.size, int(0.15 * rate)))
@@ -233,7 +221,7 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     level = float(np.median(force[low]))
     level = level if abs(level) > noise else 0.0
     own, time = np.ones_like(force), np.arange(force.size) / rate
-    hums = {orders: _hums(time, omega, orders) for orders in ORDERS}
+    hums = {orders: [_sines(time, 2 * math.pi * each, orders) for each in _apart(time, omega)] for orders in ORDERS}
     least, found, hummed, zero = 0.0, np.full(force.size, level), False, [own]
     swelling: list[np.ndarray] = []
     drift = _read_off(force, np.column_stack([own, time]), level, noise)
@@ -262,19 +250,10 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     return found
 
 
-def _hums(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[list[np.ndarray]]:
-    """(n,) sines and cosines of orders of each frequency of the mains that is not in step with the excitation."""
-    return [_sines(time, 2 * math.pi * frequency, orders) for frequency in _apart(time, omega)]
-
-
 def _apart(time: np.ndarray, omega: float) -> list[float]:
     """Frequencies of the mains in Hz that are not in step with an excitation of ``omega`` rad/s."""
-    found = []
-    for frequency in MAINS:
-        beats = [abs(order * frequency - omega / (2 * math.pi)) * (time[-1] - time[0]) for order in (1, 2)]
-        if min(beats) >= IN_STEP:
-            found.append(frequency)
-    return found
+    tone, longest = omega / (2 * math.pi), time[-1] - time[0]
+    return [each for each in MAINS if min(abs(each - tone), abs(2 * each - tone)) * longest >= IN_STEP]
 
 
 def _sines(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[np.ndarray]:

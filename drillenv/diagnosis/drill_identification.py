@@ -50,16 +50,8 @@ WITH_STATES = {
 
 
 def law_of(fitted: Fitted, terms: Sequence[Term], point) -> Model:
-    """What some terms add to the model of a recording, the paper's constants aside."""
-    names = {each.name for each in terms}
-    model = Model()
-    constants = fitted.structure.terms[0]
-    split = fitted.structure.split(fitted.values)
-    constants.contribute(split[0], model, point, fitted.structure.axes)
-    for term, own in zip(fitted.structure.terms, split, strict=True):
-        if term.name in names:
-            term.contribute(own, model, point, fitted.structure.axes)
-    return model
+    """The model of a recording with constants and some terms alone."""
+    return fitted.structure.model(fitted.values, point, {each.name for each in terms})
 
 
 def numbers_of(model: Model) -> Floats:

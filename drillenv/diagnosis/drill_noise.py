@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.noise import NoiseModel, estimate, line_columns, lone_lines
+from drillenv.diagnosis.noise import NoiseModel, estimate, fitted_lines, lone_lines
 from drillenv.diagnosis.solver import Floats
 
 LOWEST_LINE = 130.0
@@ -41,8 +39,7 @@ def noise_left(fitted: Fitted) -> list[Noise]:
         if alone.lines == found.lines:
             return found
         # with them gone the level is another
-        columns = line_columns(alone, row.size).T
-        again = lines_of_noise(estimate(row - columns @ np.linalg.lstsq(columns, row)[0], rate, tone, converter_lsb))
+        again = lines_of_noise(estimate(row - fitted_lines(row, alone.lines, rate), rate, tone, converter_lsb))
         return replace(again, lines=tuple(sorted({*alone.lines, *again.lines})))
 
     return fitted.each(estimated)

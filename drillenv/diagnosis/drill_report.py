@@ -15,7 +15,7 @@ from drillenv.diagnosis.drill_diagnosis import Outcome, wrong_constants
 from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.drill_prediction import StateEstimate, estimates_of
 from drillenv.diagnosis.evidence import AGREED, surplus
-from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected, strengths
+from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_visited
 from drillenv.diagnosis.measured import (
@@ -84,7 +84,7 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
         "equivalents": equivalents(step),
         "explanation": effect.sentence,
         "form": form_of(step),
-        "parameters": strengths(final, step) if named.equation is not None else {},
+        "parameters": {} if named.equation is None else parameters_of(final, named.equation),
         "evidence": {
             "gain": round(step.gain, 1),
             "freedom": step.freedom,
@@ -93,7 +93,7 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
     }
     terms = step.terms
     if isinstance(terms[0], Added):
-        entry["parameters"] = entry["parameters"] or parameters_of(final, terms[0], deviations(final))
+        entry["parameters"] = entry["parameters"] or parameters_of(final, terms[0])
         hums = [each for each in terms if isinstance(each, Added) and each.orders]
         if hums:
             entry["law"] = hum_spectrum(final, hums)
@@ -107,7 +107,7 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
             entry["parameters"] = summed_up(final, terms[0])
         entry["law"] = measured_response(final, [each for each in terms if isinstance(each, Sensor)], named.mechanism)
     else:
-        nearest = named.nearest_fit if named.equation is None else None
+        nearest = named.tried[0] if named.tried and named.equation is None else None
         entry["law"] = measured_law(final, step.family, terms, ranges, nearest)
     return entry
 
@@ -148,7 +148,9 @@ def corrected(outcome: Outcome) -> Corrected:
         equation = step.named.equation
         if equation is not None:
             known = {each.symbol: each for each in REGISTRY[step.named.mechanism].parameters}
-            stated = {name: each["value"] for name, each in strengths(outcome.final, step).items() if name in known}
+            stated = {
+                name: each["value"] for name, each in parameters_of(outcome.final, equation).items() if name in known
+            }
             # a fit may leave what an effect may be, by less than it is sure of
             found = {name: min(max(value, known[name].low), known[name].high) for name, value in stated.items()}
             effects.append(make(step.named.mechanism, **found))

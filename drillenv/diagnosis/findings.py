@@ -37,17 +37,11 @@ def form_of(step: Step) -> str:
     return equation.form.name if isinstance(equation, Equation) else "library"
 
 
-def strengths(final: Fitted, step: Step) -> dict[str, Any]:
-    """Parameters of a step's equation by symbol."""
-    assert step.named.equation is not None
-    return parameters_of(final, step.named.equation, deviations(final))
-
-
-def parameters_of(fitted: Fitted, equation: Term, spread: Floats) -> dict[str, Any]:
-    """Parameters of an equation, or of a law in words of its own; ``spread`` are standard deviations of all."""
+def parameters_of(fitted: Fitted, equation: Term) -> dict[str, Any]:
+    """Parameters of an equation, or of a law in words of its own, by symbol."""
     inside = fitted.indices_of([equation])
-    term = next(each for each in fitted.structure.terms if each.name == equation.name)
-    return term.stated(fitted.values[inside], spread[inside])
+    term = fitted.structure.current([equation])[0]
+    return term.stated(fitted.values[inside], deviations(fitted)[inside])
 
 
 def equivalents(step: Step) -> list[str]:
@@ -55,15 +49,16 @@ def equivalents(step: Step) -> list[str]:
 
     A law that follows no equation is as well of any other mechanism whose equation explains most of it.
     """
-    nearest = step.named.nearest
+    tried = step.named.tried
     if step.named.equation is None:
         most = MOST_OF_LAW * step.gain
     else:
-        most = min((worse for _, worse in nearest), default=0.0) + EQUAL
-    named = {equation.effect for equation, worse in nearest if worse < most}
+        most = min((each.worse for each in tried), default=0.0) + EQUAL
+    named = {each.equation.effect for each in tried if each.worse < most}
     close = [family for family, other in step.rivals if other.cost - step.found < EQUAL and not family.constant]
     alike = named | {family.mechanism for family in close}
-    return sorted((alike | {*step.named.alike}) - {step.named.mechanism})
+    # what sensors do by no mechanism of the library has no name
+    return sorted((alike | {*step.named.alike}) - {step.named.mechanism, ""})
 
 
 def rejected(steps: Sequence[Step], tested: ScoreTests) -> list[dict[str, str]]:

@@ -44,21 +44,7 @@ LEAST = 1e-9
 """Range in m or m/s of an axis over what does not move: of a mount that is not there."""
 LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
-NUMBERS = {
-    name: V.SCALAR_AT[name]
-    for name in (
-        "mount_gain",
-        "mount_square",
-        "mount_damping",
-        "air_stiffness",
-        "air_per_length",
-        "air_rate",
-        "shaker_bristles",
-        "indenter_bristles",
-        "shaker_bristle_damping",
-        "indenter_bristle_damping",
-    )
-}
+NUMBERS = {name: at for name, at in V.SCALAR_AT.items() if name.startswith(("mount", "air")) or "bristle" in name}
 """Places of the numbers that equations set and no curve shows, by their names."""
 NOTHING = 1e-5
 """Share of how far from neutral a parameter begins, within which it is neutral: a play of nanometres is no curve."""
@@ -216,6 +202,11 @@ class Equation(Term):
         for name in GRIPS:
             if name in numbers or name in grips_of(self.effect, self.form):
                 s[V.SCALAR_AT[name]] += max(numbers.get(name, 0.0), LEAST_GRIP)
+
+    @property
+    def neutral(self) -> Floats:
+        """(1,) of its first parameter, which is its strength."""
+        return np.array([REGISTRY[self.effect].parameter(self.form.symbols[0]).neutral])
 
     def parameters(self, values: Floats) -> tuple[float, ...]:
         """All of the effect's, by their order; neutral where the form has them not, or they are next to nothing."""
@@ -668,7 +659,5 @@ def _residual_rms(columns: Floats, other: Floats) -> float:
 
 
 def _through_zero(basis: Floats) -> Floats:
-    """Functions that are 0 in the middle of the axis, one fewer."""
-    left = basis - basis[:, [(GRID - 1) // 2]]
-    rows = np.linalg.svd(left, full_matrices=False)[2]
-    return np.asarray(rows[: len(basis) - 1] * math.sqrt(GRID), dtype=float)
+    """Functions that are 0 in the middle of the axis, orthogonal; one fewer where a constant is among them."""
+    return normalised(basis - basis[:, [(GRID - 1) // 2]])

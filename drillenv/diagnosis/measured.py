@@ -7,7 +7,8 @@ of the library's equations where it follows none.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,13 @@ from scipy.optimize import least_squares
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Curve, Equation, Family, constant_beside
-from drillenv.diagnosis.noise import NoiseModel, line_columns
+from drillenv.diagnosis.naming import Tried
+from drillenv.diagnosis.noise import line_columns
 from drillenv.diagnosis.sensing import FORCE, Added, Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, interpolate
-from drillenv.diagnosis.terms import DRIVE_PHASE, Model, Term, mean_amplitude
+from drillenv.diagnosis.terms import DRIVE_PHASE, Model, ModelStructure, OperatingPoint, Term, mean_amplitude
 from drillenv.dynamics.constitutive.places import (
     COMPACTION,
     DAMPER,
@@ -84,8 +86,8 @@ class Shown(NamedTuple):
     argument_unit: str
     unit: str
     x: Floats
-    y: Callable[[Model], Floats]
-    """From the model with the law, of a recording, to values at x."""
+    y: Callable[[Model], Floats] | None
+    """From the model with the law, of a recording, to values at x; None of the drive's gain over the frequency."""
     seen: Seen | None = None
     """None where neither channel shows the law at once."""
     straight: bool = False
@@ -143,14 +145,6 @@ def _contact_rate(axes: Axes, fastest: float, depth: float) -> Shown:
         return into[near], motion.contact[near]
 
     return Shown("speed into the rock, at the median depth", "m/s", "N", x, y, seen)
-
-
-def _plain(
-    axes: Axes, ends: tuple[float, float], place: int, argument: str, argument_unit: str, unit: str, seen: Seen | None
-) -> Shown:
-    x = axes.between(place, *ends, POINTS)
-    straight = place in (SPRING, SPRING_FROM_REST, DAMPER, DRIVE)
-    return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
 
 
 def unloaded(model: Model, axes: Axes, ends: tuple[float, float]) -> float:
@@ -230,11 +224,15 @@ PLAIN: dict[str, tuple[int, str, str, str, Seen | None]] = {
 def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visited) -> Shown:
     """How a family's law, of these ``terms`` now, is shown."""
     axes = fitted.structure.axes
-    if family.group in ("spring", "play") and isinstance(terms[0], Curve):
-        model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
-        return _coupling(model, axes, family.group, _ends(visited.axes, PLAIN[family.group][0]))
     if family.group in PLAIN:
-        return _plain(axes, _ends(visited.axes, PLAIN[family.group][0]), *PLAIN[family.group])
+        place, argument, argument_unit, unit, seen = PLAIN[family.group]
+        ends = _ends(visited.axes, place)
+        if family.group in ("spring", "play") and isinstance(terms[0], Curve):
+            model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
+            return _coupling(model, axes, family.group, ends)
+        x = axes.between(place, *ends, POINTS)
+        straight = place in (SPRING, SPRING_FROM_REST, DAMPER, DRIVE)
+        return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
     if family.group == "contact law":
         return _contact_law(axes, _ends(visited.axes, LOADING)[1])
     if family.group == "contact speed":
@@ -270,7 +268,7 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visite
 
         return Shown("phase of its own", "rad", channel.unit, x, wave)
     x = np.linspace(*visited.frequencies, POINTS)
-    return Shown("frequency", "Hz", "1", x, lambda m: m.s[V.F_A] + 0.0 * x)
+    return Shown("frequency", "Hz", "1", x, None)
 
 
 def with_spread(
@@ -331,13 +329,11 @@ def partial_residuals(fitted: Fitted, display: Shown, y: Floats) -> dict[str, li
     }
 
 
-def nearest_curve(fitted: Fitted, display: Shown, y: Floats, equation: Equation, values: Floats) -> Floats:
+def nearest_curve(fitted: Fitted, display: Shown, y: Floats, nearest: Tried) -> Floats:
     """An equation's curve, less what is straight in its difference from the law where constants take that up."""
-    axes, point = fitted.structure.axes, fitted.blocks[0].point
-    model = Model()
-    fitted.structure.terms[0].contribute(fitted.structure.split(fitted.values)[0], model, point, axes)
-    equation.contribute(values, model, point, axes)
-    curve = display.y(model)
+    structure = replace(fitted.structure, terms=(fitted.structure.terms[0], nearest.equation))
+    constants = fitted.structure.split(fitted.values)[0]
+    curve = curve_of(display, structure, np.append(constants, nearest.values), fitted.blocks[0].point)
     if display.straight:
         columns = np.column_stack([np.ones_like(display.x), display.x])[:, int(display.x[0] == 0.0) :]
         curve = curve + columns @ np.linalg.lstsq(columns, y - curve)[0]
@@ -349,16 +345,16 @@ def measured_law(
     family: Family,
     terms: Sequence[Term],
     visited: Visited,
-    nearest: tuple[Term, Floats] | None = None,
+    nearest: Tried | None = None,
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
     display = shown(family, terms, fitted, visited)
-    inside = fitted.indices_of(terms)
+    inside, names = fitted.indices_of(terms), {each.name for each in terms}
 
     def curve(own: Floats) -> Floats:
         shared = fitted.fit.shared.copy()
         shared[inside] = own
-        return curve_of(fitted, display, terms, shared)
+        return curve_of(display, fitted.structure, shared * fitted.structure.widths, fitted.blocks[0].point, names)
 
     y, spread = with_spread(fitted, inside, curve)
     law = law_record(display.argument, display.argument_unit, display.unit, display.x, y, spread)
@@ -370,33 +366,25 @@ def measured_law(
     seen = partial_residuals(fitted, display, y)
     if seen is not None:
         law["partial_residuals"] = seen
-    equation, values = nearest or (None, np.zeros(0))
-    if isinstance(equation, Equation):
-        near = nearest_curve(fitted, display, y, equation, values)
-        law["nearest"] = {"form": equation.name, "y": near.tolist()}
+    if nearest is not None and isinstance(nearest.equation, Equation):
+        near = nearest_curve(fitted, display, y, nearest)
+        law["nearest"] = {"form": nearest.equation.name, "y": near.tolist()}
     return law
 
 
-def curve_of(fitted: Fitted, display: Shown, terms: Sequence[Term], shared: Floats) -> Floats:
-    """What some terms say at the points of a display, with shared parameters in the solver's units."""
-    structure, point = fitted.structure, fitted.blocks[0].point
-    split = structure.split(shared * structure.widths)
-    names = {each.name for each in terms}
-
-    def at(frequency: float) -> Model:
-        model = Model()
-        structure.terms[0].contribute(split[0], model, point, structure.axes)
-        there = point._replace(frequency=frequency)
-        if display.argument == "frequency":
-            model.s[V.F_A] = 1.0
-        for term, own in zip(structure.terms, split, strict=True):
-            if term.name in names:
-                term.contribute(own, model, there, structure.axes)
-        return model
-
-    if display.argument == "frequency":
-        return np.array([float(at(f).s[V.F_A]) - 1.0 for f in display.x])
-    return display.y(at(point.frequency))
+def curve_of(
+    display: Shown,
+    structure: ModelStructure,
+    values: Floats,
+    point: OperatingPoint,
+    only: Collection[str] | None = None,
+) -> Floats:
+    """What a structure's terms, or ``only`` those of these names, say at the points of a display."""
+    if display.y is not None:
+        return display.y(structure.model(values, point, only))
+    stated = structure.model(values, point, ()).s[V.F_A]
+    models = [structure.model(values, point._replace(frequency=float(each)), only) for each in display.x]
+    return np.array([each.s[V.F_A] / stated - 1.0 for each in models])
 
 
 def hum_spectrum(fitted: Fitted, terms: Sequence[Added]) -> dict[str, Any]:
@@ -418,7 +406,7 @@ def hum_amplitudes(fitted: Fitted, terms: Sequence[Added], channel: int) -> Floa
         n, point = block.data.force.size, block.point._replace(rate=block.data.rate)
         said = [term.add(values[term.name], point, n) for term in terms]
         total = sum((each[channel] for each in said if each is not None), np.zeros(n))
-        columns = line_columns(NoiseModel(1.0, 0.0, tuple(k * frequency for k in ORDERS_SHOWN), point.rate), n)
+        columns = line_columns([k * frequency for k in ORDERS_SHOWN], point.rate, n)
         waves[i] = np.linalg.lstsq(columns.T, total)[0].reshape(2, -1).T
         lines = block.lines_of(channel, own)
         waves[i] += [near(lines, k * frequency) if k > shown else np.zeros(2) for k in ORDERS_SHOWN]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -15,22 +16,27 @@ from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, MOST_OF_LAW, NOISE_KNOWN, TENSE
 
 
+class Tried(NamedTuple):
+    """An equation of the library in the place of a law."""
+
+    equation: Term
+    values: Floats
+    """Of its parameters, that it came to."""
+    worse: float
+    """Than the law, in log-likelihood."""
+
+
 @dataclass
 class Named:
-    """A family with the equation that comes nearest to its law."""
+    """A family with the equations that were tried in the place of its law."""
 
     mechanism: str
     equation: Term | None
     """The library's equation that does as well as the free law."""
-    nearest: list[tuple[Term, float]]
-    """Equations that were tried, with how much worse they are, in log-likelihood."""
-
-    nearest_fit: tuple[Term, Floats] | None = None
-    """The nearest equation with its parameters."""
+    tried: tuple[Tried, ...] = ()
+    """From each start, the best first."""
     alike: tuple[str, ...] = ()
     """Other mechanisms that a law which no equation follows may be as well."""
-    tried: tuple[tuple[Term, Floats], ...] = ()
-    """Every equation that was tried, with the parameters that it came to."""
 
 
 def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
@@ -101,7 +107,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
     if family.textbook:
         own = family.terms[0]
-        return Named(family.mechanism, own, [], (own, fitted.values_of(own.name))), fitted
+        return Named(family.mechanism, own, (Tried(own, fitted.values_of(own.name), 0.0),)), fitted
     tried: list[tuple[bool, Term, Fitted]] = []
     rest, kept = without(fitted, family.terms)
     rest = on_axes(rest, wider(rest.axes))
@@ -128,24 +134,22 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
     if not tried:
-        return Named(family.mechanism, None, []), fitted
+        return Named(family.mechanism, None), fitted
     # of those that do as well the one with fewer parameters, by the criterion of Schwarz
     tried.sort(key=lambda each: (not each[0], each[2].cost + penalty(len(each[1].unknowns), fitted)))
-    nearest = [(equation, other.cost - fitted.cost) for _, equation, other in tried]
+    ranked = tuple(Tried(each, other.values_of(each.name), other.cost - fitted.cost) for _, each, other in tried)
     as_well, best, found = tried[0]
-    near = best, found.values_of(best.name)
     if as_well:
-        came_to = tuple((equation, other.values_of(equation.name)) for _, equation, other in tried)
-        return Named(best.effect, best, nearest, near, tried=came_to), found
-    return named_by_law(Named(family.mechanism, None, nearest, near), fitted, family, gain), fitted
+        return Named(best.effect, best, ranked), found
+    return named_by_law(Named(family.mechanism, None, ranked), fitted, family, gain), fitted
 
 
 def named_by_law(named: Named, fitted: Fitted, family: Family, gain: float) -> Named:
     """The same with the mechanism that a measured law, which a fit has as ``family``, is likeliest to be."""
-    if not named.nearest:
+    if not named.tried:
         return named
     # the nearest equation gives the mechanism its name as long as it explains most of what the law does
-    nearest, worse = named.nearest[0]
-    by_nearest = nearest.effect if worse < MOST_OF_LAW * gain else ""
+    nearest = named.tried[0]
+    by_nearest = nearest.equation.effect if nearest.worse < MOST_OF_LAW * gain else ""
     mechanism, *alike = fitted.structure.rig.mechanisms_by_law(fitted, family, by_nearest)
     return replace(named, mechanism=mechanism, alike=tuple(alike))

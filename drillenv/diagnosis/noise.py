@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, signal, stats
 
-from drillenv.diagnosis.comb import Orders, distances, remove_harmonics
+from drillenv.diagnosis.comb import Orders, distances, without_harmonics
 
 Floats = NDArray[np.float64]
 
@@ -96,9 +96,9 @@ def _level(samples: Floats, lines: tuple[float, ...], rate: float, fundamental: 
     at_lines = np.array(lines)[:, None] * n / rate - bins
     nearest = np.minimum(nearest, np.abs(at_lines).min(axis=0, initial=np.inf))
     leverage = leverage + np.sum(np.sinc(at_lines) ** 2, axis=0)
-    rest = remove_harmonics(samples, tone, orders).rest
+    rest = without_harmonics(samples, tone, orders)
     if lines:  # seen best without the harmonics, whose fit in turn is better without the lines
-        rest = remove_harmonics(samples - _fitted_lines(rest, lines, rate), tone, orders).rest
+        rest = without_harmonics(samples - fitted_lines(rest, lines, rate), tone, orders)
     keep = nearest > 1.0
     power = np.abs(np.fft.rfft(rest)[bins[keep]]) ** 2 / n / (1.0 - np.minimum(leverage[keep], 0.5))
     return _whittle(power, bins[keep] * rate / n)
@@ -170,9 +170,9 @@ def _sections(corner: float, n: int) -> Floats:
     return signal.zpk2sos(poles, zeros, math.sqrt(np.prod(zeros / poles)))
 
 
-def line_columns(model: NoiseModel, n: int) -> Floats:
-    """Sines and cosines of the model's lines, (2 * lines, n), to be fitted as nuisance columns."""
-    phase = 2.0 * np.pi * np.outer(model.lines, np.arange(n)) / model.rate
+def line_columns(lines: Sequence[float], rate: float, n: int) -> Floats:
+    """(2 * lines, n) sines and cosines of lines in Hz, to be fitted as nuisance columns."""
+    phase = 2.0 * np.pi * np.outer(lines, np.arange(n)) / rate
     return np.concatenate([np.sin(phase), np.cos(phase)]).reshape(-1, n)
 
 
@@ -181,7 +181,7 @@ def nuisance(model: NoiseModel, n: int) -> tuple[Floats, Floats]:
 
     Lines, of which nothing is known; and where there is 1/f noise a constant, which is that noise below 1 / T.
     """
-    rows = line_columns(model, n)
+    rows = line_columns(model.lines, model.rate, n)
     precision = np.zeros(len(rows))
     if model.corner > 0.0:
         rows = np.vstack([rows, np.ones(n)])
@@ -189,8 +189,9 @@ def nuisance(model: NoiseModel, n: int) -> tuple[Floats, Floats]:
     return rows, precision
 
 
-def _fitted_lines(samples: Floats, lines: Sequence[float], rate: float) -> Floats:
-    columns = line_columns(NoiseModel(1.0, 0.0, tuple(lines), rate), samples.size).T
+def fitted_lines(samples: Floats, lines: Sequence[float], rate: float) -> Floats:
+    """(n,) lines in Hz with the amplitudes that samples have them in."""
+    columns = line_columns(lines, rate, samples.size).T
     return columns @ np.linalg.lstsq(columns, samples)[0]
 
 
@@ -215,7 +216,7 @@ def find_lines(residual: ArrayLike, rate: float, fundamental: float, model: Nois
 def _peaks(white: Floats, rate: float, tone: float, orders: Orders) -> tuple[float, ...]:
     """Frequencies of the lines in white noise of variance 1, away from the harmonics."""
     n = white.size
-    rest = remove_harmonics(white, tone, orders).rest
+    rest = without_harmonics(white, tone, orders)
     bins = np.arange(6, n) / 2.0  # half a bin apart, so that a line between two bins is not missed
     allowed = distances(bins, n, tone, orders)[0] > 1.5
     lines: list[float] = []
@@ -227,10 +228,10 @@ def _peaks(white: Floats, rate: float, tone: float, orders: Orders) -> tuple[flo
             break
         lines.append(_refined(noise, bins[best] / n) * rate)
         allowed &= np.abs(bins - bins[best]) > 1.5
-        noise = rest - _fitted_lines(rest, lines, rate)
+        noise = rest - fitted_lines(rest, lines, rate)
     for at in range(len(lines) if len(lines) > 1 else 0):
         others = lines[:at] + lines[at + 1 :]
-        lines[at] = _refined(rest - _fitted_lines(rest, others, rate), lines[at] / rate) * rate
+        lines[at] = _refined(rest - fitted_lines(rest, others, rate), lines[at] / rate) * rate
     return tuple(sorted(lines))
 
 
@@ -297,7 +298,7 @@ def lone_lines(residual: ArrayLike, rate: float, fundamental: float, model: Nois
     reach = int(LONE_REACH * fundamental / rate * 2 * n)
     while len(found) < MOST_LINES:
         lines = known + found
-        rest = white - _fitted_lines(white, lines, rate) if lines else white
+        rest = white - fitted_lines(white, lines, rate) if lines else white
         power = np.abs(np.fft.rfft(rest, 2 * n)) ** 2 / n
         power[:12] = 0.0
         best = int(np.argmax(power))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
 from drillenv.diagnosis.fitting import Fitted
@@ -108,11 +108,6 @@ class Timed(Executor):
 
     def __init__(self, pool: Executor, progress: Progress) -> None:
         self._pool, self._progress = pool, progress
-
-    def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:
-        """See Executor."""
-        self._progress.check_time()
-        return self._pool.submit(fn, *args, **kwargs)
 
     def map(self, fn: Callable, *iterables: Any, **options: Any) -> Iterator:
         """See Executor."""

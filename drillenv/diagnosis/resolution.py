@@ -49,39 +49,32 @@ def with_corners(fitted: Fitted, family: Family) -> Fitted:
     A law that is smooth but for a corner would else need as fine a resolution everywhere as there. A corner has to gain
     what two parameters have to, its size and its place.
     """
-    names = {each.name for each in family.terms}
+    places = np.linspace(0.0, GRID - 1.0, PLACES_TRIED + 2)[1:-1]
+    around = (places[1] - places[0]) * np.linspace(-1.0, 1.0, PLACES_TRIED)
     for _ in range(CORNERS):
-        curves = [each for each in fitted.structure.terms if isinstance(each, Curve) and each.name in names]
-        places = np.linspace(0.0, GRID - 1.0, PLACES_TRIED + 2)[1:-1]
-        tried = [(each, at) for each in curves for at in places]
-        found = best_corner(fitted, tried)
-        if found is None:
-            return fitted
-        curve, at = tried[found]
-        tried = [(curve, each) for each in at + (places[1] - places[0]) * np.linspace(-1.0, 1.0, PLACES_TRIED)]
-        found = best_corner(fitted, tried)
-        if found is None:
-            return fitted
-        other = with_corner(fitted, *tried[found])
-        if other.cost > fitted.cost - penalty(2, fitted):
+        curves = [each for each in fitted.structure.current(family.terms) if isinstance(each, Curve)]
+        found = best_corner(fitted, [(each, at) for each in curves for at in places])
+        found = found and best_corner(fitted, [(found[0], at) for at in found[1] + around])
+        other = found and with_corner(fitted, *found)
+        if other is None or other.cost > fitted.cost - penalty(2, fitted):
             return fitted
         fitted = other
     return fitted
 
 
-def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]]) -> int | None:
+def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]]) -> tuple[Curve, float] | None:
     """Of corners of curves at positions on their axes the one that promises most; None where none is seen."""
-    terms, kept = [], []
+    terms, seen = [], []
     for i, (curve, at) in enumerate(tried):
         corner = corner_at(fitted, curve, at)
         if corner.any():
             single = coefficients(f"corner {i}", 1, curve.unknowns[0].width)
             terms.append(Curve(f"corner {i}", single, curve.place, corner[None, :]))
-            kept.append(i)
+            seen.append((curve, at))
     if not terms:
         return None
     best, gain = most_promising(fitted, terms)
-    return kept[best] if gain > penalty(2, fitted) else None
+    return seen[best] if gain > penalty(2, fitted) else None
 
 
 def corner_at(fitted: Fitted, curve: Curve, at: float) -> Floats:

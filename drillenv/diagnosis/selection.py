@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, joined, penalty, with_windows_freed
-from drillenv.diagnosis.laws import Equation, Family
+from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.naming import with_more, without
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
 from drillenv.diagnosis.solver import Limits
@@ -265,25 +265,21 @@ def strength_shows(family: Family, fitted: Fitted) -> bool:
     Its states, which begin anywhere near rest, gain something even where it has no strength (a Wald test).
     """
     term = family.terms[0]
-    i, strength = fitted.indices_of([term])[0], term.unknowns[0]
-    off = fitted.fit.shared[i] - strength.value / strength.width
+    i = fitted.indices_of([term])[0]
+    off = fitted.fit.shared[i] - term.neutral[0] / term.widths[0]
     return float(off**2) > float(chi2.isf(FALSE_ALARMS, 1)) * float(fitted.covariance[i, i])
 
 
 def wald_gain(fitted: Fitted, step: Step) -> float:
-    """What a step's law gains in a fit, by the quadratic of the log-likelihood (a Wald test); 0 of a constant.
+    """What a step's law gains in a fit, by the quadratic of the log-likelihood (a Wald test).
 
-    Of an equation, by its first parameter, which is its strength.
+    By the parameters that tell its strength; 0 of a constant, and of what has none.
     """
-    terms = [each for each in fitted.structure.terms if each.name in {one.name for one in step.terms}]
-    inside = []
-    for term in terms:
-        own = fitted.indices_of([term])
-        inside += own[:1] if isinstance(term, Equation) else own
-    if not inside:
-        return 0.0
-    unknowns = fitted.structure.unknowns
-    off = np.array([fitted.fit.shared[i] - unknowns[i].value / unknowns[i].width for i in inside])
+    inside, off = [], np.zeros(0)
+    for term in fitted.structure.current(step.terms):
+        at = fitted.indices_of([term])[: term.neutral.size]
+        inside += at
+        off = np.append(off, fitted.fit.shared[at] - term.neutral / term.widths[: len(at)])
     spread = np.linalg.pinv(fitted.covariance[np.ix_(inside, inside)], hermitian=True)
     return 0.5 * float(off @ spread @ off)
 

@@ -56,9 +56,10 @@ class Sensor(Term):
     effect: str = ""
     """The mechanism of the library whose equation it is; none of a free law."""
 
-    def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
-        """(2, n) what it adds whatever the motion, of which ``first`` is the first sample."""
-        return None
+    @property
+    def neutral(self) -> Floats:
+        """(n,) of all parameters; none where several starts say that it begins elsewhere."""
+        return np.zeros(0) if len(self.starts) > 1 else super().neutral
 
     def summed_up(self, values: Floats, covariance: Floats) -> dict[str, tuple[float, float, str]]:
         """What a free law comes to by the library's symbols: value, standard deviation and unit; {} where nothing."""

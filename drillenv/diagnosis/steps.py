@@ -112,7 +112,7 @@ def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say
     found = joined(found)
     if found.weight < loose:
         say(f"  joined: chi-square {found.per_freedom:.4f}")
-    named = Named(family.mechanism, None, [])
+    named = Named(family.mechanism, None)
     gain = max(fitted.cost - found.cost, 1.0)
     of_equation = any(each.family.group == family.group and each.named.equation is not None for each in steps)
     pending = not (of_equation or family.constant)
@@ -120,8 +120,8 @@ def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say
     explained = max((each.gain_in(fitted) for each in measured_beside(family, fitted, steps)), default=0.0)
     if gain > LAW_LEFT**2 * explained:
         step = identify_equation(found, step, say)
-        nearest = step.named.nearest[0][1] if step.named.nearest else math.inf
-        follows = step.named.equation is not None or nearest < MOST_OF_LAW * gain
+        worse = step.named.tried[0].worse if step.named.tried else math.inf
+        follows = step.named.equation is not None or worse < MOST_OF_LAW * gain
         # in a far model that no equation follows says nothing yet
         if gain > explained or follows or step.pending:
             return step
@@ -143,10 +143,10 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
         finer = refined(found, family)
         fewer = finer.fit.shared.size - other.fit.shared.size
         if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
-            terms = tuple(each for each in finer.structure.terms if each.name in {one.name for one in family.terms})
+            terms = finer.structure.current(family.terms)
             measured, other = replace(named, equation=None), finer
             named = named_by_law(measured, finer, replace(family, terms=terms), gain)
-    if named.nearest and named.equation is None and other.per_freedom > 1.0 + LEFT:
+    if named.tried and named.equation is None and other.per_freedom > 1.0 + LEFT:
         both, joint = corrected_equation(named, other, family)
         # priors that make a law smooth are a part of its cost, and none of what a correction gains
         if both.cost < min(other.cost, found.cost) - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
@@ -166,14 +166,10 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
 
 def corrected_equation(named: Named, other: Fitted, family: Family) -> tuple[Fitted, tuple[Term, ...]]:
     """The nearest equation with a free law of the same family on top, which sharp corners leave less to do for."""
-    assert named.nearest_fit is not None
-    equation, start = named.nearest_fit
+    equation, values, _ = named.tried[0]
     rest, begun = without(other, family.terms)
-    scaled = start / equation.widths
-    zeros = np.array([each.value / each.width for each in family.unknowns])
-    structure = replace(rest, terms=(*rest.terms, equation, *family.terms))
-    begun = np.concatenate([begun, scaled, zeros])
-    both = other.refit(structure, begun)
+    rest = replace(rest, terms=(*rest.terms, equation))
+    both = other.refit(*with_more(rest, np.append(begun, values / equation.widths), family))
     return both, (equation, *family.terms)
 
 
@@ -188,9 +184,9 @@ def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
         return replace(step, after=fitted, provisional=False)
     rest, begun = without(fitted, step.terms)
     best, equation = fitted, chosen
-    worse = {each.name: by for each, by in step.named.nearest}
-    for each, values in step.named.tried:
-        if each.name == chosen.name or worse[each.name] - worse[chosen.name] > beside:
+    for each, values, worse in step.named.tried:
+        # the chosen one, from its best start, is the first of them
+        if each.name == chosen.name or worse - step.named.tried[0].worse > beside:
             continue
         structure = replace(rest, terms=(*rest.terms, each))
         other = fitted.refit(structure, np.concatenate([begun, values / each.widths]), SHORT, states_first=True)
@@ -232,8 +228,7 @@ def with_finer_law(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | 
             more = penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted)
             if finer.cost < fitted.cost - max(more, left):
                 say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
-                names = {each.name for each in step.terms}
-                step.terms = tuple(each for each in finer.structure.terms if each.name in names)
+                step.terms = finer.structure.current(step.terms)
                 step.family = replace(step.family, terms=step.terms)
                 return finer
     return None
@@ -250,12 +245,12 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
         measured = step.named.equation is None and not step.corrects and names == {each.name for each in step.terms}
         if not measured or step.family.constant or step.beside == len(steps):
             continue
-        lacked = min((worse for _, worse in step.named.nearest), default=0.0)
+        lacked = min((each.worse for each in step.named.tried), default=0.0)
         step.beside = len(steps)
         if lacked * fitted.samples / step.samples > gain_of_others(steps, step, fitted):
             continue
-        as_it_is = tuple(each for each in fitted.structure.terms if each.name in names)
-        named, other = name_law(fitted, replace(step.family, terms=as_it_is), step.gain, say)
+        family = replace(step.family, terms=fitted.structure.current(step.family.terms))
+        named, other = name_law(fitted, family, step.gain, say)
         if named.equation is not None:
             say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.per_freedom:.4f}")
             steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
@@ -291,6 +286,6 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
             # an equation that it follows has fewer parameters than its free law
             if criterion(found.after, fitted) < criterion(fitted, fitted):
                 step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
-                step.pending = found.pending
+                step.pending, step.provisional, step.detail = found.pending, found.provisional, 1
                 return found.after
     return None

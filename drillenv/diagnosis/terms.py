@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -146,6 +147,11 @@ class Term:
         """Units of the parameters in the solver."""
         return np.array([each.width for each in self.unknowns])
 
+    @property
+    def neutral(self) -> Floats:
+        """Values of its first parameters, which tell its strength, at which it says nothing; free laws begin there."""
+        return np.array([each.value for each in self.unknowns])
+
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Add to the model of a recording."""
 
@@ -225,17 +231,23 @@ class ModelStructure:
         ends = list(accumulate((len(term.unknowns) for term in self.terms), initial=0))
         return [slice(first, after) for first, after in pairwise(ends)]
 
+    def current(self, terms: Iterable[Term]) -> tuple[Term, ...]:
+        """Terms of the same names as these, as they are in this structure."""
+        names = {each.name for each in terms}
+        return tuple(each for each in self.terms if each.name in names)
+
     def split(self, values: Floats) -> list[Floats]:
         """Parameters of each term."""
         return [values[part] for part in self.parts]
 
-    def model(self, values: Floats, point: OperatingPoint) -> Model:
-        """Of a recording, at values of the parameters in their own units."""
+    def model(self, values: Floats, point: OperatingPoint, only: Collection[str] | None = None) -> Model:
+        """Of a recording, at parameters in their own units; beside constants, of terms of ``only`` these names."""
         # a rig that had been running is taken to have run for a little more than the second that it must
         impacts = 0.0 if point.fresh else RUNNING * point.frequency
         model = Model(impacts=impacts)
-        for term, own in zip(self.terms, self.split(values), strict=True):
-            term.contribute(own, model, point, self.axes)
+        for i, (term, own) in enumerate(zip(self.terms, self.split(values), strict=True)):
+            if i == 0 or only is None or term.name in only:
+                term.contribute(own, model, point, self.axes)
         return model
 
     @property

@@ -9,15 +9,18 @@ import pytest
 
 from drillenv.diagnosis import resolution, selection, steps
 from drillenv.diagnosis.adapter import Adapter
+from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import Fitted, penalty
-from drillenv.diagnosis.laws import Curve, Equation, families, same_force
-from drillenv.diagnosis.naming import Named
+from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
+from drillenv.diagnosis.naming import Named, Tried
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import ScoreTests
 from drillenv.diagnosis.selection import forward, least_gain, strength_shows
 from drillenv.diagnosis.steps import accept
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
+from drillenv.diagnosis.terms import ModelStructure, Term, Unknown
 from drillenv.diagnosis.thresholds import LAW_LEFT
+from drillenv.dynamics.constitutive.places import INDENTER
 
 SAMPLES = 20_000
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
@@ -96,7 +99,9 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
     monkeypatch.setattr(steps, "joined", lambda fitted, *_: fitted)
 
     def identified(fitted, found, say):
-        return replace(found, named=Named("contact-power-law", equation, [(equation, lacks)]), pending=pending)
+        return replace(
+            found, named=Named("contact-power-law", equation, (Tried(equation, np.zeros(1), lacks),)), pending=pending
+        )
 
     monkeypatch.setattr(steps, "identify_equation", identified)
     before, after = fit(1.1), fit(1.05)
@@ -128,9 +133,9 @@ def test_an_equation_that_was_chosen_in_a_far_model_is_provisional(monkeypatch, 
     monkeypatch.setattr(steps, "without", lambda fitted, terms: (rest, np.zeros(8)))
     monkeypatch.setattr(steps, "replace", lambda each, **new: Fake(**{**vars(each), **new}))
     rest = Fake(terms=())
-    tried = tuple((each, np.zeros(len(each.unknowns))) for each in (stribeck, coulomb, rounded))
-    nearest = [(stribeck, -50.0), (coulomb, 0.0), (rounded, -30.0)]
-    named = Fake(equation=stribeck, tried=tried, nearest=nearest, mechanism="indenter-friction")
+    worse = ((stribeck, -50.0), (coulomb, 0.0), (rounded, -30.0), (stribeck, 900.0))
+    tried = tuple(Tried(each, np.zeros(len(each.unknowns)), by) for each, by in worse)
+    named = Fake(equation=stribeck, tried=tried, mechanism="indenter-friction")
     there = Fake(named=named, terms=(stribeck,))
     close: Any = Close(Fake(terms=(stribeck,)), 11, 100.0)
     found: Any = steps.reconsidered(close, there, 60.0, lambda _: None)  # type: ignore[arg-type]
@@ -151,19 +156,20 @@ def test_laws_of_one_force():
 
 
 def test_the_gain_of_a_law_by_the_quadratic_of_the_likelihood():
-    """Wald's: by all coefficients of a curve, and by the strength of an equation."""
-    unknown = Fake(value=0.0, width=2.0)
-    constants = Fake(name="constants", unknowns=[unknown])
-    curve, equation = Fake(name="curve", unknowns=[unknown] * 2), Equation("law", (unknown, unknown))  # type: ignore
-    covariance = np.diag([1.0, 0.5, 0.25, 4.0, 1.0])
+    """Wald's: by all coefficients of a curve, and by the strength of an equation, wherever a fit of it begins."""
+    unknown = Unknown("coefficient", 0.0, 2.0)
+    equation = next(each for each in equations([INDENTER], []) if len(each.unknowns) == 2)
+    strength, width = equation.unknowns[0].value, equation.widths[0]
+    assert strength != 0.0
+    terms = Term("constants", (unknown,)), Curve("curve", (unknown,) * 2), equation
     fitted = Fitted(
-        Fake(terms=[constants, curve, equation], unknowns=[unknown] * 5), [],  # type: ignore[arg-type]
-        Fake(shared=np.array([9.0, 1.0, 2.0, 6.0, 9.0])), Any,  # type: ignore[arg-type]
+        ModelStructure(terms, FLAT, DRILL), [],
+        Fake(shared=np.array([9.0, 1.0, 2.0, strength / width, 9.0])), Any,  # type: ignore[arg-type]
     )  # fmt: skip
-    vars(fitted)["covariance"] = covariance
-    by_curve, by_equation, by_constant = (Fake(terms=terms) for terms in ((curve,), (equation,), ()))
+    vars(fitted)["covariance"] = np.diag([1.0, 0.5, 0.25, 4.0, 1.0])
+    by_curve, by_equation, by_constant = (Fake(terms=each) for each in (terms[1:2], terms[2:], ()))
     assert selection.wald_gain(fitted, by_curve) == pytest.approx(0.5 * (1.0 / 0.5 + 4.0 / 0.25))  # type: ignore
-    assert selection.wald_gain(fitted, by_equation) == pytest.approx(0.5 * 36.0 / 4.0)  # type: ignore[arg-type]
+    assert selection.wald_gain(fitted, by_equation) == pytest.approx(0.5 * (strength / width) ** 2 / 4.0)  # type: ignore
     assert selection.wald_gain(fitted, by_constant) == 0.0  # type: ignore[arg-type]
 
 
@@ -193,8 +199,8 @@ def test_an_equation_whose_correction_was_dismissed_leaves_nothing():
 @pytest.mark.parametrize(("strength", "shows"), [(2.5, True), (0.5, False), (-2.5, True)])
 def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
     """Air without stiffness fits whatever fades away; its strength is the first parameter of its own term."""
-    unknown = Fake(value=0.0, width=1e4)
-    others, air = Fake(name="constants", unknowns=[unknown] * 2), Fake(name="air", unknowns=[unknown, unknown])
+    unknown = Unknown("stiffness", 0.0, 1e4)
+    others, air = Term("constants", (unknown,) * 2), Term("air", (unknown,) * 2)
     structure: Any = Fake(terms=[others, air])
     fit: Any = Fake(shared=np.array([9.0, 9.0, strength, 9.0]))
     fitted = Fitted(structure, [], fit, Any)  # type: ignore[arg-type]
