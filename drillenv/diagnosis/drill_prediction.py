@@ -125,7 +125,7 @@ def with_noise_left(there: StateEstimate, fitted: Fitted) -> StateEstimate:
 
     def alone(there: StateEstimate) -> Fitted:
         fit = replace(fitted.fit, shared=there.shared, own=[there.own])
-        return Fitted(there.block.structure, [there.block], fit, fitted.priors)
+        return Fitted(there.block.structure, [there.block], fit)
 
     found = there
     if there.block.per_sample(there.shared, there.own) > CLOSE:

@@ -43,7 +43,6 @@ class Fitted:
     blocks: list[Any]
     """Recordings as the rig's adapter makes them: :class:`~drillenv.diagnosis.adapter.RecordingProblem`."""
     fit: Fit
-    priors: Priors
     pool: Executor | None = None
     """Where recordings are evaluated side by side."""
 
@@ -71,6 +70,11 @@ class Fitted:
     def values(self) -> Floats:
         """Of the parameters, in their units."""
         return self.fit.shared * self.structure.widths
+
+    @property
+    def priors(self) -> Priors:
+        """Of the parameters, in the solver's units, as heavy as the model's over-dispersion makes them."""
+        return self.fit.priors
 
     @property
     def cost(self) -> float:
@@ -205,14 +209,14 @@ def fit_to(
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
     if fit.begun - fit.cost < limits.gain(fit.begun, samples):
         # what stands out did so before
-        return Fitted(structure, blocks, fit, priors, pool)
+        return Fitted(structure, blocks, fit, pool)
     failed: list[Attempt | None] = [None] * len(blocks)
     for _ in range(ROUNDS):
         own, failed = reinitialise_outliers(blocks, fit, failed, pool)
         if None not in failed:
             break
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
-    return Fitted(structure, blocks, fit, priors, pool)
+    return Fitted(structure, blocks, fit, pool)
 
 
 def joined(found: Fitted, limits: Limits = CONVERGED, noise: Sequence[Any] | None = None) -> Fitted:

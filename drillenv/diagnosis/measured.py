@@ -382,9 +382,9 @@ def curve_of(
     """What a structure's terms, or ``only`` those of these names, say at the points of a display."""
     if display.y is not None:
         return display.y(structure.model(values, point, only))
-    stated = structure.model(values, point, ()).s[V.F_A]
-    models = [structure.model(values, point._replace(frequency=float(each)), only) for each in display.x]
-    return np.array([each.s[V.F_A] / stated - 1.0 for each in models])
+    points = [point._replace(frequency=float(each)) for each in display.x]
+    given, stated = ([structure.model(values, each, names).s[V.F_A] for each in points] for names in (only, ()))
+    return np.array(given) / np.array(stated) - 1.0
 
 
 def hum_spectrum(fitted: Fitted, terms: Sequence[Added]) -> dict[str, Any]:

@@ -114,7 +114,8 @@ def information(fitted: Fitted, terms: Sequence[Term], constants: Sequence[int] 
 
     reduced = fitted.each(quadratic)
     weights = fitted.priors.weights
-    more = np.array([(each.width / each.std) ** 2 for each in unknowns[known:]] + [0.0] * len(constants))
+    more = fitted.priors.dispersion * np.array([(each.width / each.std) ** 2 for each in unknowns[known:]])
+    more = np.append(more, np.zeros(len(constants)))
     each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
     return Information(
         np.array([each[0][each_once] for each in reduced]),

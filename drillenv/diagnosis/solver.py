@@ -96,7 +96,8 @@ class Fit:
     hessian: Floats
     """(k, k) of the shared parameters, own unknowns eliminated, priors included."""
     converged: bool
-    steps: int
+    priors: Priors
+    """As they were weighed at the end."""
 
     @property
     def covariance(self) -> Floats:
@@ -167,7 +168,7 @@ def minimise(
     shared, own = np.clip(shared, priors.low, priors.high), list(own)
     costs = list(each(lambda block, x: block.cost(shared, x), blocks, own))
     if not math.isfinite(sum(costs)):  # there is no motion to begin with
-        return Fit(shared, own, math.inf, math.inf, costs, [], np.zeros((shared.size, shared.size)), False, 0)
+        return Fit(shared, own, math.inf, math.inf, costs, [], np.zeros((shared.size, shared.size)), False, priors)
     start, begun = shared, sum(costs)
     damping, converged, steps = _Damping(), False, 0
     parts: list[Quadratic] = []
@@ -199,9 +200,9 @@ def minimise(
         elif damping.size > 1e8:
             break
     parts = parts or _quadratics(blocks, shared, own, each)
-    hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.precision**2))
+    hessian = sum((eliminated(part, 0.0)[1] for part in parts), np.diag(priors.weights))
     cost, begun = sum(costs) + priors.cost(shared), begun + priors.cost(start)
-    return Fit(shared, own, cost, begun, costs, parts, hessian, converged, steps)
+    return Fit(shared, own, cost, begun, costs, parts, hessian, converged, priors)
 
 
 @dataclass

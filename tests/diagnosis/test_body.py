@@ -304,13 +304,13 @@ def test_two_at_once():
 @pytest.mark.slow
 def test_intervals_hold_the_true_strength():
     inside = []
-    for seed in range(20):
+    for seed in range(12):
         made = body_of(np.random.default_rng(500 + seed), KINDS[seed % 4])
         unstated, truth = _dry(made, 0.04 * made.scale["force"])
         (finding,) = diagnose_body(campaign_of(made, unstated)).record["findings"]
         low, high = finding["parameters"]["fc"]["interval"]
         inside.append(low <= truth["fc"] <= high)
-    assert sum(inside) >= 18
+    assert sum(inside) >= 11
 
 
 # laws that no equation of the library has
@@ -389,9 +389,16 @@ def test_a_few_bodies_with_nothing_missing_agree():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "most"), [(30, 0), pytest.param(120, 1, marks=pytest.mark.thorough)])
-def test_bodies_with_nothing_missing_agree(count, most):
-    alarms = [seed for seed in range(count) if check_null(seed) != "agrees"]
+@pytest.mark.parametrize(
+    ("seeds", "most"),
+    [
+        # every kind, with friction and without, and with states that the lab has estimated
+        ((*range(12), *range(36, 40)), 0),
+        pytest.param(range(120), 1, marks=pytest.mark.thorough),
+    ],
+)
+def test_bodies_with_nothing_missing_agree(seeds, most):
+    alarms = [seed for seed in seeds if check_null(seed) != "agrees"]
     assert len(alarms) <= most, alarms
 
 

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from drillenv.diagnosis.laws import equations, families
-from drillenv.diagnosis.measured import POINTS, _coupling, near, unloaded
+from drillenv.diagnosis.constants import NAMES, Constants
+from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.laws import DRIVE_LAG, equations, families
+from drillenv.diagnosis.measured import POINTS, Shown, _coupling, curve_of, near, unloaded
 from drillenv.diagnosis.sensing import added
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Model, OperatingPoint
+from drillenv.diagnosis.terms import Model, ModelStructure, OperatingPoint, Unknown
 from drillenv.dynamics.constitutive.places import INDENTER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid import vector_field as V
 
@@ -47,6 +49,18 @@ def test_play_is_counted_from_where_the_spring_is_as_stated():
     shown = _coupling(model, AXES, "play", (-4e-4, 4e-4))
     assert shown.x.size == POINTS
     np.testing.assert_allclose(shown.y(model), law(shown.x), atol=0.02 * STIFFNESS * 3e-4)
+
+
+def test_a_gain_of_the_drive_is_shown_over_the_frequency():
+    """Of an equation as of a free law: by how much less than stated the drive gives."""
+    (droop,) = (each for each in equations([], [DRIVE_LAG]) if len(each.unknowns) == 1)
+    constants = Constants("constants", tuple(Unknown(name, 1.0, 1.0) for name in NAMES))
+    structure = ModelStructure((constants, droop), AXES, DRILL)
+    display = Shown("frequency", "Hz", "1", np.array([50.0, 90.0, 120.0]), None)
+    values = np.append(np.full(len(NAMES), 2.0), 3e-3)
+    shown = curve_of(display, structure, values, POINT)
+    np.testing.assert_allclose(shown, 1.0 / np.hypot(1.0, 3e-3 * display.x) - 1.0, rtol=1e-12)
+    assert np.all(curve_of(display, structure, values, POINT, ()) == 0.0)
 
 
 def test_presliding_friction_begins_at_next_to_nothing_with_one_parameter():

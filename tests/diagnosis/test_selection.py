@@ -164,7 +164,7 @@ def test_the_gain_of_a_law_by_the_quadratic_of_the_likelihood():
     terms = Term("constants", (unknown,)), Curve("curve", (unknown,) * 2), equation
     fitted = Fitted(
         ModelStructure(terms, FLAT, DRILL), [],
-        Fake(shared=np.array([9.0, 1.0, 2.0, strength / width, 9.0])), Any,  # type: ignore[arg-type]
+        Fake(shared=np.array([9.0, 1.0, 2.0, strength / width, 9.0])),  # type: ignore[arg-type]
     )  # fmt: skip
     vars(fitted)["covariance"] = np.diag([1.0, 0.5, 0.25, 4.0, 1.0])
     by_curve, by_equation, by_constant = (Fake(terms=each) for each in (terms[1:2], terms[2:], ()))
@@ -203,7 +203,7 @@ def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
     others, air = Term("constants", (unknown,) * 2), Term("air", (unknown,) * 2)
     structure: Any = Fake(terms=[others, air])
     fit: Any = Fake(shared=np.array([9.0, 9.0, strength, 9.0]))
-    fitted = Fitted(structure, [], fit, Any)  # type: ignore[arg-type]
+    fitted = Fitted(structure, [], fit)
     # as computed from a fit, which this one has not
     vars(fitted)["covariance"] = np.diag([1e-6, 1e-6, 0.5**2, 1e-6])
     family: Any = Fake(terms=[air])

@@ -187,6 +187,16 @@ def test_over_dispersion_makes_priors_weightier():
     assert abs(scaled.shared[0]) < abs(plain.shared[0])
 
 
+def test_what_over_dispersed_data_do_not_tell_is_known_as_stated():
+    """With over-dispersion, the standard deviation of a parameter that no residual depends on is that of its prior."""
+    noise = np.random.default_rng(5).normal(0.0, 10.0, 400)
+    data = Residuals(lambda p, x: p[0] - 3.0 + noise)
+    found = minimise([data], np.zeros(2), [np.zeros(0)], free(2, precision=np.array([0.0, 0.5])), samples=400)
+    over = found.priors.dispersion
+    assert over == pytest.approx(100.0, rel=0.2)
+    assert np.sqrt(over * np.diag(found.covariance)) == pytest.approx([np.sqrt(over / 400.0), 2.0])
+
+
 def test_an_infinite_cost_is_no_end():
     def residual(p, x):
         return np.array([np.log(p[0]) * 5.0, p[0] - 2.0]) if p[0] > 0.0 else np.array([np.inf, 0.0])
@@ -214,12 +224,12 @@ def test_a_reinitialisation_that_failed_is_not_repeated():
     own = [np.zeros(1) for _ in blocks]
     failed = [None] * 3
     for costs in ([1.0, 1.0, 3.9], [1.0, 1.05, 3.8], [1.0, 1.5, 4.1]):
-        fit = Fit(np.zeros(0), own, sum(costs), math.inf, costs, [], np.zeros((0, 0)), True, 0)
+        fit = Fit(np.zeros(0), own, sum(costs), math.inf, costs, [], np.zeros((0, 0)), True, free(0))
         found, failed = reinitialise_outliers(blocks, fit, failed, None)
         assert all(one is other for one, other in zip(found, own, strict=True)) and None not in failed
     assert [each.tries for each in blocks] == [[False], [False, False], [False]]
     costs = [1.0, 1.0, 4.1]
-    fit = Fit(np.zeros(0), own, sum(costs), math.inf, costs, [], np.zeros((0, 0)), True, 0)
+    fit = Fit(np.zeros(0), own, sum(costs), math.inf, costs, [], np.zeros((0, 0)), True, free(0))
     reinitialise_outliers(blocks, fit, failed, None)
     assert blocks[2].tries == [False, True]
 
