@@ -170,10 +170,10 @@ def _text(record: Mapping[str, Any]) -> str:
     held = record["fit"]["held_out"]
     if held["recordings"]:
         unit = str(record["fit"]["unit"]).partition(",")[0]
-        lines.append(
-            f"left on recordings held out ({', '.join(held['recordings'])}): "
-            f"{held['before']:.4g} {unit} before, {held['after']:.4g} after"
+        before, after = (
+            "not followed" if each is None else f"{each:.4g} {unit}" for each in (held["before"], held["after"])
         )
+        lines.append(f"left on recordings held out ({', '.join(held['recordings'])}): {before} before, {after} after")
     lines += [f"quality: {each}" for each in record["quality"]]
     lines += record.get("remarks", [])
     return "\n".join(lines)

@@ -13,6 +13,7 @@ import pytest
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.page import VALUES, Trace, Wave, number, page, sentence
+from drillenv.diagnosis.report import Report
 
 HOSTILE = "<script>window.ran=1</script></title></script ><!--<script --><img src=x onerror=window.ran=2>"
 HOSTILE += "{{7*7}}\u2028\"'&amp; <b>bold</b>"
@@ -236,6 +237,14 @@ def decoded(text):
 @pytest.fixture(scope="module")
 def drilled():
     return page(*drill())
+
+
+def test_recordings_that_a_model_does_not_follow_have_no_number():
+    title, record, waves = drill()
+    record["fit"]["held_out"]["after"] = None
+    report = Report(title, record, {}, tuple(waves))
+    assert "(r3): 11.2 standard deviations of the sensors' noise before, not followed after" in report.text()
+    assert '<td class="number">11.2</td><td class="number">–</td>' in report.html()
 
 
 @pytest.mark.parametrize(("unit", "moves"), [("m", True), ("m/s", False)])
