@@ -244,7 +244,7 @@ def test_recordings_that_a_model_does_not_follow_have_no_number():
     record["fit"]["held_out"]["after"] = None
     report = Report(title, record, {}, tuple(waves))
     assert "(r3): 11.2 standard deviations of the sensors' noise before, not followed after" in report.text()
-    assert '<td class="number">11.2</td><td class="number">–</td>' in report.html()
+    assert '<td class="number">11.2</td><td class="number">\u2013</td>' in report.html()
 
 
 @pytest.mark.parametrize(("unit", "moves"), [("m", True), ("m/s", False)])
