@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, penalty, with_windows_freed
-from drillenv.diagnosis.laws import Family, on_axes, wider
+from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, MOST_OF_LAW, NOISE_KNOWN, TENSE
@@ -103,6 +103,25 @@ def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain:
     return found.refit()
 
 
+def begun_without(fitted: Fitted, family: Family, equations: Sequence[Term], say) -> list[tuple[Term, Fitted]]:
+    """Fits of equations that begin from the model without a law, where that leads, and not from where it is nearest.
+
+    The fit of a free law of many parameters may be a poor minimum, which says nothing of where an equation's is.
+    """
+    found = []
+    base = fitted.refit(*without(fitted, family.terms))
+    for equation in equations:
+        if equation.has_states and not family.has_states:
+            continue
+        structure = replace(base.structure, terms=(*base.structure.terms, equation))
+        starts = equation.form.starts if isinstance(equation, Equation) else [[e.value for e in equation.unknowns]]
+        begun = [np.append(base.fit.shared, np.array(each) / equation.widths) for each in starts]
+        other = min((base.refit(structure, each, SHORT) for each in begun), key=lambda each: each.cost)
+        say(f"  {equation.name} from without: worse by {other.cost - fitted.cost:.1f}")
+        found.append((equation, other if other.cost > fitted.cost + 0.5 * (base.cost - fitted.cost) else other.refit()))
+    return found
+
+
 def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) -> tuple[Named, Fitted]:
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
     if family.textbook:
@@ -111,28 +130,34 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     tried: list[tuple[bool, Term, Fitted]] = []
     rest, kept = without(fitted, family.terms)
     rest = on_axes(rest, wider(rest.axes))
-    done = False
-    for equation, starts, worse in fitted.structure.rig.rivals(fitted, family):
+
+    def as_well_as(equation: Term, other: Fitted) -> bool:
+        return does_as_well(other.cost - fitted.cost, gain, family.size - len(equation.unknowns), fitted.samples)
+
+    done, rivals = False, fitted.structure.rig.rivals(fitted, family)
+    for equation, starts, worse in rivals:
         # once one does as well, others are tried that may do better, but none with states of its own: those are a
         # family too, which has been tried where it promised as much
         least, stateful = MOST_OF_LAW * gain if done else gain, equation.has_states and not family.has_states
         if (tried and worse > least) or (done and stateful):
             continue
-        fewer = family.size - len(equation.unknowns)
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, kept[constants.size :], values])
             other = fit_equation(fitted, structure, start, gain)
-            as_well = does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
+            as_well = as_well_as(equation, other)
             if not as_well and other.cost - fitted.cost < MOST_OF_LAW * gain:
                 other = with_constant_freed(other, equation)
-                as_well = does_as_well(other.cost - fitted.cost, gain, fewer, fitted.samples)
+                as_well = as_well_as(equation, other)
             say(f"  {equation.name} {other.values_of(equation.name)}: worse by {other.cost - fitted.cost:.1f}")
             tried.append((as_well, equation, other))
             done = done or as_well
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
+    if not done and fitted.per_freedom < CLOSE:
+        for equation, other in begun_without(fitted, family, [each.equation for each in rivals], say):
+            tried.append((as_well_as(equation, other), equation, other))
     if not tried:
         return Named(family.mechanism, None), fitted
     # of those that do as well the one with fewer parameters, by the criterion of Schwarz

@@ -1,18 +1,18 @@
 """What a family has to gain beside laws that are not exact."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace as Fake
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drillenv.diagnosis import resolution, selection, steps
-from drillenv.diagnosis.adapter import Adapter
+from drillenv.diagnosis import naming, resolution, selection, steps
+from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
-from drillenv.diagnosis.naming import Named, Tried
+from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import ScoreTests
 from drillenv.diagnosis.selection import forward, least_gain, strength_shows
@@ -277,3 +277,42 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     _, kept, _ = forward(fit(1.5), before=there, earlier=earlier)  # type: ignore[arg-type]
     assert [each.family.name for each in kept] == ["guide"]
     assert tried == [["mass"], ["air"]]
+
+
+def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
+    """Where a free law came to a poor minimum, the equation that is nearest to it there leads nowhere."""
+    (coulomb,) = (each for each in equations([INDENTER], []) if len(each.unknowns) == 1)
+    rivals = [Rival(coulomb, [(np.zeros(1), np.array([900.0]))], 0.0)]
+    rig = Fake(rivals=lambda *_: rivals, taken_up=lambda _: [], mechanisms_by_law=lambda *_: ("of the law",))
+
+    @dataclass
+    class Valleys:
+        """A fit that stays in the valley where it begins: at the equation's own start, and far off."""
+
+        structure: Any
+        start: Any
+        cost: float
+        samples, per_freedom, weight = SAMPLES, 1.05, 2.0
+
+        def refit(self, structure=None, start=None, *_, **__):
+            if structure is None:
+                return self
+            if structure.terms[-1] is not coulomb:
+                return Valleys(structure, start, 300.0)
+            return Valleys(structure, start, 50.0 if start[-1] * coulomb.widths[0] < 100.0 else 280.0)
+
+        @property
+        def fit(self):
+            return Fake(shared=self.start)
+
+        def values_of(self, _name):
+            return self.start[-1:] * coulomb.widths
+
+    rest = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
+    monkeypatch.setattr(naming, "without", lambda *_: (rest, np.zeros(1)))
+    monkeypatch.setattr(naming, "on_axes", lambda structure, _axes: structure)
+    law: Any = Fake(textbook=False, terms=(), size=8, has_states=False, mechanism="law")
+    free: Any = Valleys(Fake(rig=rig), np.zeros(9), 100.0)
+    named, found = name_law(free, law, 200.0)
+    assert named.equation is coulomb and found.cost == 50.0
+    assert [each.worse for each in named.tried] == [-50.0, 180.0]
