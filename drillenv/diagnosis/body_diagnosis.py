@@ -165,9 +165,7 @@ def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object])
         say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
         for each in best[1]:
             values, others = fitted.values_of(each.name), without(fitted, (each,))
-            named, gain = (
-                Named(each.effect, each, (Tried(each, values, 0.0),)),
-                fitted.refit(*others).cost - fitted.cost,
-            )
+            named = Named(each.effect, each, (Tried(each, values, 0.0),))
+            gain = fitted.refit(*others).cost - fitted.cost
             found.append(replace(step, named=named, terms=(each,), rivals=[], after=fitted, gain=gain))
     return fitted, found

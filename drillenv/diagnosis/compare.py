@@ -86,7 +86,7 @@ def compared_text(found: Mapping[str, Any]) -> str:
     moved += [("constant", name, each) for name, each in found["constants"].items()]
     still = 0
     for name, symbol, each in moved:
-        if each["sigmas"] is not None and each["sigmas"] < 3.0:
+        if each["difference"] == 0.0 or (each["sigmas"] is not None and each["sigmas"] < 3.0):
             still += 1
             continue
         by = "" if each["sigmas"] is None else f", {each['sigmas']:.3g} standard deviations"

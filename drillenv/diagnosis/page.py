@@ -23,6 +23,7 @@ import numpy as np
 
 from drillenv.checks import InputError, shown
 from drillenv.diagnosis.scope import limits_of
+from drillenv.diagnosis.thresholds import SEVERAL
 from drillenv.dynamics.effects import REGISTRY
 
 VALUES = 210_000
@@ -535,9 +536,18 @@ def _constants(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Those that are off first, then the rest of the law where the record has it."""
     off, every = record.get("parameters") or {}, record.get("constants") or {}
     rest = {name: entry for name, entry in every.items() if name not in off}
+    claimed = record.get("verdict") != "unexplained"
     return [_constant(name, entry, _change(entry), entry.get("nominal") is not None) for name, entry in off.items()] + [
-        _constant(name, entry, "within its tolerance", False) for name, entry in rest.items()
+        _constant(name, entry, _as_stated(entry) if claimed else "", False) for name, entry in rest.items()
     ]
+
+
+def _as_stated(entry: Mapping[str, Any]) -> str:
+    """Of a constant that is not said to be wrong: only a measured law beside it may take up what it is off."""
+    value, nominal, std = (entry.get(key) for key in ("value", "nominal", "nominal_std"))
+    if all(map(_finite, (value, nominal, std))) and abs(value - nominal) > SEVERAL * std:  # type: ignore[operator]
+        return f"{_change(entry)} together with the law"
+    return "within its tolerance"
 
 
 def _constant(name: str, entry: Mapping[str, Any], change: str, off: bool) -> dict[str, Any]:

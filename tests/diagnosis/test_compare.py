@@ -47,6 +47,15 @@ def test_what_went_and_what_moved():
     assert "left on recordings that were not fitted: 1.01, then 1.01 N" in text
 
 
+def test_a_number_without_an_interval_stays_where_it_is_the_same():
+    before = deepcopy(BEFORE)
+    before["constants"]["mass"] = number(0.5, 0.0, "kg")
+    after = deepcopy(before)
+    assert "constant mass" not in compared_text(compare(before, after))
+    after["constants"]["mass"] = number(0.6, 0.0, "kg")
+    assert "constant mass: 0.5 to 0.6 kg" in compared_text(compare(before, after))
+
+
 def test_nothing_differs_from_itself():
     found = compare(BEFORE, BEFORE)
     assert all(each["difference"] == 0.0 for each in found["constants"].values())

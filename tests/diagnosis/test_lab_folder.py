@@ -71,7 +71,7 @@ def test_lost_samples_a_pre_trigger_and_a_dead_channel(campaign):
     report = diagnose(messy)
     assert named(report) == ["contact-rate"]
     said = " ".join(report.record["remarks"])
-    assert "r03: used are" in said and "r02: used are 0.0499" in said and "r01: its position is left out" in said
+    assert "r03: used are" in said and "r02: used are 0.049" in said and "r01: its position is left out" in said
     assert report.record["bookkeeping"] == []
 
 

@@ -373,6 +373,15 @@ def test_constants_share_their_digits_and_their_power_of_ten():
     assert "loading stiffness 18.000 21.437 0.056 21.327 to 21.547 10⁶ N/m +19.1 %" in words
 
 
+def test_only_constants_near_to_what_is_stated_are_within_their_tolerance():
+    stiffness = {"value": 80e3, "std": 200.0, "unit": "N/m", "nominal": 70e3, "nominal_std": 1000.0}
+    damping = {"value": 2460.0, "std": 5.0, "unit": "N*s/m", "nominal": 2450.0, "nominal_std": 50.0}
+    record = {"verdict": "missing-physics", "constants": {"stiffness": stiffness, "damping": damping}}
+    words = Seen(page("t", record, [])).words
+    assert "+14.3 % together with the law" in words and words.count("within its tolerance") == 1
+    assert "within its tolerance" not in Seen(page("t", record | {"verdict": "unexplained"}, [])).words
+
+
 def test_hostile_words_stay_words():
     title, record, waves = drill(HOSTILE, HOSTILE)
     text = page(title, record, waves)
