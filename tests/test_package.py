@@ -101,8 +101,8 @@ for name in drillenv.controllers.NAMES:
 controller = drillenv.controllers.make("learned")
 controller.reset(seed=0)
 assert controller.act(np.ones(15, dtype=np.float32), {}).shape == (3,)
-from drillenv.training.rollout import rollout
-print(rollout(lambda: drillenv.controllers.make("rules"), "DrillLayers", "validation", 1, 8).scores[0])
+import drillenv.training.rollout
+assert drillenv.training.rollout.__file__.startswith(sys.argv[1])
 """
 
 
@@ -121,7 +121,6 @@ def test_a_project_with_folders_of_those_names_uses_what_is_installed(wheel, tmp
         cwd=project, env=variables, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert float(done.stdout) > 0.5
 
 
 COMPLETE = 0.975
