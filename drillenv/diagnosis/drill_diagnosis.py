@@ -161,7 +161,12 @@ def diagnose_drill(
         say(f"{alone} disagrees more than all the others together: once more without it")
         rest = tuple(each for each in campaign.recordings if each.name != alone)
         left = max(last - time.process_time(), 0.0)
-        again = search(replace(campaign, recordings=rest), say, jobs, scope, interruptible, left)
+        try:
+            again = search(replace(campaign, recordings=rest), say, jobs, scope, interruptible, left)
+        except KeyboardInterrupt:
+            if not interruptible:
+                raise
+            return replace(outcome, labels=labels, unusable=unusable, stopped=f"looking once more without {alone}")
         if again.verdict != "unexplained" and not again.stopped:
             # a corrected label of it has not helped
             labels = [each for each in labels if each.recording != alone]

@@ -2,7 +2,8 @@
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from typing import cast
+from dataclasses import dataclass
+from typing import Any, cast
 
 import jsonschema
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from drillenv import cli, diagnose
 from drillenv.checks import InputError
 from drillenv.diagnosis import drill_diagnosis
+from drillenv.diagnosis.drill_diagnosis import Outcome
 from drillenv.diagnosis.drill_identification import mechanisms_of
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
@@ -92,6 +94,34 @@ def test_nothing_else_is_looked_for(schema):
         "force-limit",
     }
     jsonschema.validate(report.record, schema)
+
+
+def test_an_interruption_of_a_second_search_keeps_the_first(monkeypatch):
+    """The one without a recording that disagrees with all others, before anything is known of it."""
+    first: Any = Outcome("unexplained", [], *[None] * 6, [])  # type: ignore[arg-type]
+    searches = iter([first])
+
+    def search(*_):
+        for each in searches:
+            return each
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(drill_diagnosis, "search", search)
+    monkeypatch.setattr(drill_diagnosis, "outlying_recording", lambda _outcome: "r03")
+    monkeypatch.setattr(drill_diagnosis, "with_labels_corrected", lambda campaign: (campaign, []))
+    campaign: Any = Made(())
+    ended = drill_diagnosis.diagnose_drill(campaign, interruptible=True)
+    assert ended.verdict == "unexplained" and ended.stopped == "looking once more without r03"
+    searches = iter([first])
+    with pytest.raises(KeyboardInterrupt):
+        drill_diagnosis.diagnose_drill(campaign)
+
+
+@dataclass
+class Made:
+    """As much of a campaign as is looked at."""
+
+    recordings: tuple
 
 
 def test_a_search_ends_in_time_once_something_is_known():
