@@ -103,8 +103,10 @@ def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain:
     return found.refit()
 
 
-def begun_without(fitted: Fitted, family: Family, equations: Sequence[Term], say) -> list[tuple[Term, Fitted]]:
-    """Fits of equations that begin from the model without a law, where that leads, and not from where it is nearest.
+def from_reduced_model(
+    fitted: Fitted, family: Family, equations: Sequence[Term], say
+) -> list[tuple[Term, Fitted]]:
+    """Fits of equations that begin from the reduced model, which has no law in their place, and not from the free law.
 
     The fit of a free law of many parameters may be a poor minimum, which says nothing of where an equation's is.
     """
@@ -117,7 +119,7 @@ def begun_without(fitted: Fitted, family: Family, equations: Sequence[Term], say
         starts = equation.form.starts if isinstance(equation, Equation) else [[e.value for e in equation.unknowns]]
         begun = [np.append(base.fit.shared, np.array(each) / equation.widths) for each in starts]
         other = min((base.refit(structure, each, SHORT) for each in begun), key=lambda each: each.cost)
-        say(f"  {equation.name} from without: worse by {other.cost - fitted.cost:.1f}")
+        say(f"  {equation.name} from the reduced model: worse by {other.cost - fitted.cost:.1f}")
         found.append((equation, other if other.cost > fitted.cost + 0.5 * (base.cost - fitted.cost) else other.refit()))
     return found
 
@@ -156,7 +158,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
     if not done and fitted.per_freedom < CLOSE:
-        for equation, other in begun_without(fitted, family, [each.equation for each in rivals], say):
+        for equation, other in from_reduced_model(fitted, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
     if not tried:
         return Named(family.mechanism, None), fitted

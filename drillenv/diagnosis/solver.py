@@ -186,9 +186,9 @@ def minimise(
         if converged := promised < little and damping.size < UNDAMPED:
             break
         point = np.clip(shared + step, priors.low, priors.high)
-        dearer = priors.cost(point) - priors.cost(shared)
-        tried = _advanced(blocks, point, own, moves, costs, GAIN_RATIO * promised + dearer, each)
-        gain = sum(costs) - sum(cost for cost, _ in tried) - dearer
+        prior_increase = priors.cost(point) - priors.cost(shared)
+        tried = _advanced(blocks, point, own, moves, costs, GAIN_RATIO * promised + prior_increase, each)
+        gain = sum(costs) - sum(cost for cost, _ in tried) - prior_increase
         steps += 1
         held = damping.adapt(gain / max(promised, 1e-12))
         if gain > 0.0:
