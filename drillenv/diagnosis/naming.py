@@ -103,9 +103,7 @@ def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain:
     return found.refit()
 
 
-def from_reduced_model(
-    fitted: Fitted, family: Family, equations: Sequence[Term], say
-) -> list[tuple[Term, Fitted]]:
+def from_reduced_model(fitted: Fitted, family: Family, equations: Sequence[Term], say) -> list[tuple[Term, Fitted]]:
     """Fits of equations that begin from the reduced model, which has no law in their place, and not from the free law.
 
     The fit of a free law of many parameters may be a poor minimum, which says nothing of where an equation's is.
