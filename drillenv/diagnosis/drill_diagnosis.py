@@ -39,6 +39,7 @@ from drillenv.diagnosis.progress import (
     PROVING,
     SEARCHING,
     SEARCHING_AGAIN,
+    Known,
     OutOfTime,
     Progress,
     Timed,
@@ -192,14 +193,15 @@ def search(
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
         progress = Progress(say, within)
         try:
-            begun, plain, final, steps, tested = selected(campaign, fit_data, Timed(pool, progress), progress, scope)
-            plain = (plain or reestimate_states(fit_data, begun, final, pool)) if steps else final
+            known = selected(campaign, fit_data, Timed(pool, progress), progress, scope)
         except KeyboardInterrupt as interrupted:
             if progress.known is None or not (interruptible or isinstance(interrupted, OutOfTime)):
                 raise
-            plain, final, steps, tested = progress.known
+            known = progress.known
             progress.stopped = progress.doing
         progress.stage(PROVING)
+        plain, final, steps, tested = known
+        plain = reestimate_states(plain, final, pool) if steps else final
         proof = proved(fit_data, held_data, plain, final, pool)
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
@@ -209,13 +211,8 @@ def search(
 
 def selected(
     campaign: Campaign, data: Sequence[Conditioned], pool: Executor, progress: Progress, scope: Scope | None = None
-) -> tuple[Fitted, Fitted | None, Fitted, list[Step], ScoreTests]:
-    """Families found on stretches of the recordings, then on all of them.
-
-    Returns:
-        The paper's model on stretches, the same on whole recordings where it was fitted to them, the model that was
-        found with the steps to it, and the tests of what else there may be.
-    """
+) -> Known:
+    """Families found on stretches of the recordings, then on all of them."""
     say = progress.say
     progress.stage(FITTING)
     begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
@@ -226,19 +223,20 @@ def selected(
     found, steps, tested = forward(begun, say, keep=partial(progress.keep, begun))
     progress.keep(begun, found, steps, tested)
     progress.stage(EXTENDING)
-    whole = extended(data, found, pool)
-    say(f"reduced chi-square {whole.per_freedom:.3f}")
-    final = whole
+    final = extended(data, found, pool)
+    plain = begun if steps else final
+    keep = partial(progress.keep, plain)
+    keep(final, steps, tested)
+    say(f"reduced chi-square {final.per_freedom:.3f}")
     by_equations = {step.family.group for step in steps if step.named.equation is not None}
     if final.per_freedom > CLOSE and by_equations:
         # an equation that follows a law over stretches need not do so where these go on
-        final, steps, _ = forward(final, say, steps, tested, only=by_equations)
+        final, steps, _ = forward(final, say, steps, tested, keep, only=by_equations)
     # a model that does not hold where its stretches go on is not mended by more families
     if final.per_freedom < CLOSE:
         progress.stage(SEARCHING_AGAIN)
-        final, steps, tested = forward(final, say, steps, tested)
-    final = final_refit(final)
-    return begun, whole if found is begun else None, final, steps, tested
+        final, steps, tested = forward(final, say, steps, tested, keep)
+    return Known(plain, final_refit(final), steps, tested)
 
 
 def proved(
@@ -369,7 +367,7 @@ def extended(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fit
 
 def extend_horizon(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) -> Fitted:
     """A model that was fitted to shorter stretches of recordings, fitted to longer ones."""
-    if all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True)):
+    if is_fitted_to(fitted, data):
         return fitted
     there = estimate_recordings(data, fitted, pool, known=True)
     # lines that the model has itself are no noise
@@ -378,8 +376,16 @@ def extend_horizon(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) 
     return fit_to(blocks, own, fitted.structure, fitted.fit.shared, pool, weight=fitted.weight, noise=noise)
 
 
-def reestimate_states(data: Sequence[Conditioned], fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
-    """A model fitted to stretches on all of the recordings, its shared parameters as they are."""
+def is_fitted_to(fitted: Fitted, data: Sequence[Conditioned]) -> bool:
+    """Whether a model was fitted to recordings of this length, and not to stretches of them."""
+    return all(each.force.size == block.data.force.size for each, block in zip(data, fitted.blocks, strict=True))
+
+
+def reestimate_states(fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
+    """A model on all that the best one was fitted to, its shared parameters as they are where it saw stretches only."""
+    data = [each.data for each in best.blocks]
+    if is_fitted_to(fitted, data):
+        return fitted
     there = estimate_recordings(data, fitted, pool, best.noise, known=True)
     own = [each.own for each in there]
     blocks = [each.block for each in there]

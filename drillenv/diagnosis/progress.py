@@ -38,7 +38,7 @@ class Known(NamedTuple):
     """What has been found so far."""
 
     plain: Fitted
-    """The paper's model, on the same recordings."""
+    """The paper's model, on the same recordings or on stretches of them."""
     final: Fitted
     steps: list[Step]
     tested: ScoreTests

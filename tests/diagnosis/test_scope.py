@@ -2,7 +2,7 @@
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import jsonschema
@@ -117,11 +117,45 @@ def test_an_interruption_of_a_second_search_keeps_the_first(monkeypatch):
         drill_diagnosis.diagnose_drill(campaign)
 
 
+@pytest.mark.parametrize("more", [False, True])
+def test_an_interruption_keeps_what_whole_recordings_have_told(monkeypatch, more):
+    """What the search on stretches has found is held to whole recordings, and what is found there is not lost."""
+    begun, whole, final = Model(1.03), Model(1.07), Model(1.01)
+    steps: Any = ["step"]
+    searches = []
+
+    def forward(fitted, _say, before=(), _earlier=None, keep=lambda *_: None):
+        searches.append(fitted)
+        if fitted is whole:
+            if more:
+                keep(final, steps, None)
+            raise OutOfTime
+        return fitted, list(before), None
+
+    monkeypatch.setattr(drill_diagnosis, "plain_fit", lambda *_: begun)
+    monkeypatch.setattr(drill_diagnosis, "extended", lambda *_: whole)
+    monkeypatch.setattr(drill_diagnosis, "forward", forward)
+    progress, campaign = Progress(lambda _text: None), cast("Any", Made())
+    with ThreadPoolExecutor(1) as pool, pytest.raises(OutOfTime):
+        drill_diagnosis.selected(campaign, [], pool, progress)
+    assert searches == [begun, whole]
+    assert progress.known == Known(whole, *((final, steps) if more else (whole, [])), None)  # type: ignore[arg-type]
+
+
+@dataclass
+class Model:
+    """As much of a fit as is looked at."""
+
+    per_freedom: float
+    structure: Any = field(default_factory=lambda: Made())
+
+
 @dataclass
 class Made:
-    """As much of a campaign as is looked at."""
+    """As much of a campaign, or of a model's structure, as is looked at."""
 
-    recordings: tuple
+    recordings: tuple = ()
+    scope: Any = None
 
 
 def test_a_search_ends_in_time_once_something_is_known():
