@@ -42,6 +42,7 @@ from drillenv.rocks import Rock
 OF_ROCK, OF_SHAKER = {"loading_stiffness", "unloading_stiffness"}, {"shaker_mass", "pressure_gain"}
 """Constants of the contact, and of the force balance of the shaker; others are of both masses or of the indenter."""
 CELLS = ("no contact", "loading", "unloading")
+FOLLOWS_NONE = "The model follows none of the recordings."
 KNOTS = 40
 """Of a measured law in a model."""
 
@@ -185,9 +186,12 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
 
 
 def excess(outcome: Outcome) -> list[dict[str, Any]]:
-    """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime."""
+    """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime.
+
+    Of recordings that it follows.
+    """
     cells = []
-    for estimate in estimates_of(outcome.plain):
+    for estimate in filter(is_followed, estimates_of(outcome.plain)):
         block = estimate.block
         _reading, left, force = predicted(estimate)
         force = force[block.evaluation]
@@ -231,6 +235,9 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
     known = [step.family.outside for step in outcome.mechanisms if step.family.outside]
     if known:
         return {"balance": "sensor", "regimes": list(CELLS), "recordings": struck, "summary": " ".join(known)}
+    if not cells:
+        names = [each.name for each in outcome.fit_data]
+        return {"balance": None, "regimes": [], "recordings": names, "summary": FOLLOWS_NONE}
     channel, regime = most_left(cells)
     text = f"Most of what is left is in the {channel}, {regime}."
     if outcome.mechanisms:
@@ -273,7 +280,7 @@ def rest(outcome: Outcome) -> dict[str, Any]:
     channels, words = {}, []
     every = [each for each in outcome.proof.after or estimates_of(outcome.final) if is_followed(each)]
     if not every:
-        return {"summary": "The model follows none of the recordings.", "channels": {}, "shapes": []}
+        return {"summary": FOLLOWS_NONE, "channels": {}, "shapes": []}
     found = [predicted(each) for each in every]
     left = [
         (each.block.measured - one.reading)[:, each.block.evaluation] for each, one in zip(every, found, strict=True)
@@ -317,8 +324,8 @@ def predicted(estimate: StateEstimate) -> Predicted:
 
 def what_to_record(outcome: Outcome, cells: Sequence[Mapping[str, Any]]) -> list[str]:
     """What would tell most of what is left unexplained, by where it is left and what the recordings span."""
-    channel, regime = most_left(cells)
     said = []
+    channel, regime = most_left(cells) if cells else ("", "")
     if regime == "no contact":
         said.append(
             f"Record the rig with the indenter clear of the rock, at these settings: what the {channel} shows then is "
@@ -382,7 +389,7 @@ def noise_floors(outcome: Outcome) -> list[str]:
 
 
 def waves(outcome: Outcome) -> tuple[Wave, ...]:
-    """Force and acceleration of every recording, with what was believed and what was found."""
+    """Force and acceleration of every recording, with what was believed and what was found where it is followed."""
     made = []
     fitted = list(zip(estimates_of(outcome.plain), estimates_of(outcome.final), strict=True))
     held = list(zip(*outcome.held_out, strict=True))
@@ -390,9 +397,9 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
         block = after.block
         inside = block.evaluation
         time = np.arange(block.data.force.size)[inside] / block.data.rate
-        said = [predicted(each).reading[:, inside] for each in (before, after)]
+        said = [predicted(each).reading[:, inside] if is_followed(each) else None for each in (before, after)]
         traces = tuple(
-            Trace(channel, unit, block.measured[j, inside], said[0][j], said[1][j])
+            Trace(channel, unit, block.measured[j, inside], *(None if each is None else each[j] for each in said))
             for j, (channel, unit) in enumerate(CHANNELS)
         )
         made.append(Wave(block.point.name, i >= len(fitted), time, traces))

@@ -88,8 +88,7 @@ def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
 
     Args:
         title: Of the campaign.
-        record: As ``report.json``. Keys that a rig does not have may be absent; ``next`` may list sentences on what to
-            measure next.
+        record: As the schema of ``report.json`` has it.
         waves: Of each recording that is to be seen. Long ones are shown in part: the stretch where the mismatch is
             largest, every sample of it, so that no peak is lost.
 
@@ -103,7 +102,7 @@ def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
     for wave in waves:
         _check(wave)
     own = {name: (files("drillenv.diagnosis") / name).read_text(encoding="utf-8") for name in ("page.css", "page.js")}
-    data = {"waves": _drawn(waves), "laws": [_law(each) for each in record.get("findings") or []]}
+    data = {"waves": _drawn(waves), "laws": [_law(each) for each in record["findings"]]}
     scripts = [get_plotlyjs(), own["page.js"]] if waves or any(data["laws"]) else []
     surroundings = Environment(
         loader=PackageLoader("drillenv.diagnosis", "."),
@@ -265,21 +264,22 @@ def _worst(waves: Sequence[Wave]) -> int:
 
 def _said(record: Mapping[str, Any], held: Sequence[str]) -> dict[str, Any]:
     """Everything that the template writes, ready to be escaped."""
-    findings = record.get("findings") or []
+    rest = record["rest"]
     return {
         "verdict": record["verdict"],
         "sentence": sentence(record),
-        "summary": (record.get("where") or {}).get("summary") or "",
+        "summary": record["where"]["summary"],
         "facts": list(_facts(record)),
-        "chart": _map(record.get("cells") or [], held),
-        "fit": _fit(record.get("fit") or {}),
-        "findings": [_finding(each) for each in findings],
+        "chart": _map(record["cells"], held),
+        "fit": _fit(record["fit"]),
+        "findings": [_finding(each) for each in record["findings"]],
         "constants": _constants(record),
-        "rest": _rest(record.get("rest") or {}),
-        "rejected": [(str(each["mechanism"]), each["why"]) for each in record.get("rejected") or []],
-        "ahead": _ahead(record, findings),
-        "quality": record.get("quality"),
-        "remarks": record.get("remarks") or [],
+        "rest": rest["summary"],
+        "shapes": [(each["shape"], f"{100 * each['share']:.2g} %") for each in rest.get("shapes", [])],
+        "rejected": [(each["mechanism"], each["why"]) for each in record["rejected"]],
+        "ahead": _ahead(record),
+        "quality": record["quality"],
+        "remarks": record["remarks"],
     }
 
 
@@ -294,14 +294,14 @@ def sentence(record: Mapping[str, Any]) -> str:
 def _sentence(record: Mapping[str, Any]) -> str:
     """The same of a whole search."""
     verdict = record["verdict"]
-    wrong = [name for name, entry in (record.get("parameters") or {}).items() if entry.get("nominal") is not None]
+    wrong = [name for name, entry in record["parameters"].items() if entry["nominal"] is not None]
     if verdict == "missing-physics":
-        names = [str(each["mechanism"]) for each in record.get("findings") or []]
+        names = [each["mechanism"] for each in record["findings"]]
         beside = f"; besides, {_off(wrong)}" if wrong else ""
         return f"The model leaves out {_count(len(names), 'mechanism')}: {_listed(names)}{beside}."
     if verdict == "parameters":
         return f"No physics is missing; {_off(wrong)}."
-    return VERDICTS.get(verdict, f"The verdict is {verdict}.")
+    return VERDICTS[verdict]
 
 
 def _off(names: Sequence[str]) -> str:
@@ -322,21 +322,22 @@ def _listed(names: Iterable[str]) -> str:
 
 def _words(name: str) -> str:
     """loading_stiffness, as one says it."""
-    return str(name).replace("_", " ")
+    return name.replace("_", " ")
 
 
 def _facts(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    where, fit = record.get("where") or {}, record.get("fit") or {}
-    if where.get("balance"):
-        yield "Where it acts", BALANCES.get(where["balance"], str(where["balance"]))
-    if where.get("regimes"):
-        yield "When", "; ".join(str(each) for each in where["regimes"])
-    if where.get("recordings"):
-        yield "Recordings that differ", ", ".join(str(each) for each in where["recordings"])
-    held, floor = fit.get("held_out") or {}, fit.get("noise_floor")
-    if _finite(held.get("after")) and _finite(floor):
-        before, after, least = (number(each, 3, trim=False) for each in (held.get("before"), held["after"], floor))
-        unit = str(fit.get("unit") or "").partition(",")[0]
+    where, fit = record["where"], record["fit"]
+    if where["balance"]:
+        yield "Where it acts", BALANCES[where["balance"]]
+    if where["regimes"]:
+        yield "When", "; ".join(where["regimes"])
+    if where["recordings"]:
+        yield "Recordings that differ", ", ".join(where["recordings"])
+    held = fit["held_out"]
+    if held["after"] is not None:
+        sides = held["before"], held["after"], fit["noise_floor"]
+        before, after, least = (number(each, 3, trim=False) for each in sides)
+        unit = fit["unit"].partition(",")[0]
         yield "Residual, held out", f"{before} before, {after} after, noise floor {least} ({unit})"
 
 
@@ -347,7 +348,7 @@ def _map(cells: Sequence[Mapping[str, Any]], held: Sequence[str]) -> dict[str, A
     """A table of recordings by channels and regimes, each cell with its ink."""
     if not cells:
         return None
-    by_place = {(str(each["recording"]), str(each["channel"]), str(each["regime"])): each for each in cells}
+    by_place = {(each["recording"], each["channel"], each["regime"]): each for each in cells}
     rows = dict.fromkeys(name for name, _channel, _regime in by_place)
     channels = dict.fromkeys(channel for _name, channel, _regime in by_place)
     columns = [
@@ -355,7 +356,7 @@ def _map(cells: Sequence[Mapping[str, Any]], held: Sequence[str]) -> dict[str, A
         for channel in channels
         for regime in dict.fromkeys(each[2] for each in by_place if each[1] == channel)
     ]
-    top = max([10.0, *(float(each["mean_square"]) for each in cells if _finite(each["mean_square"]))])
+    top = max(10.0, *(each["mean_square"] for each in cells))
     return {
         "channels": [(name, len(list(group))) for name, group in groupby(channel for channel, _regime in columns)],
         "regimes": [regime for _channel, regime in columns],
@@ -367,17 +368,14 @@ def _map(cells: Sequence[Mapping[str, Any]], held: Sequence[str]) -> dict[str, A
 
 
 def _cell(cell: Mapping[str, Any] | None, top: float) -> dict[str, str]:
-    if cell is None or not _finite(cell["mean_square"]):
+    if cell is None:
         return {"text": "", "ink": "none", "title": "no samples", "tone": "empty"}
-    value = float(cell["mean_square"])
-    share = min(max(math.log(max(value, 1.0)) / math.log(top), 0.0), 1.0)
-    title = f"{number(value)} times the noise's mean square"
-    if "samples" in cell:
-        title += f", {cell['samples']} samples"
+    value = cell["mean_square"]
+    share = math.log(max(value, 1.0)) / math.log(top)
     return {
         "text": f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}",
         "ink": _ink(share),
-        "title": title,
+        "title": f"{number(value)} times the noise's mean square, {cell['samples']} samples",
         "tone": "dark" if share > DARK else "light",
     }
 
@@ -394,47 +392,42 @@ def _ink(share: float) -> str:
 
 def _fit(fit: Mapping[str, Any]) -> dict[str, Any] | None:
     """Figures before and after beside the floor, each with its place on a common scale."""
-    floor = fit.get("noise_floor")
+    floor = fit["noise_floor"]
     entries = []
     for key, label in (("fitted", "fitted"), ("left_out", "left out in turn"), ("held_out", "held out")):
-        entry = fit.get(key) or {}
-        if not _finite(entry.get("before")) and not _finite(entry.get("after")):
+        entry = fit.get(key)
+        if entry is None or (entry["before"] is None and entry["after"] is None):
             continue
         if key == "held_out" and entry == fit.get("left_out"):
             continue  # where none is held out, the same figures stand in both places
         entries.append((label, entry))
-        each = entry.get("each") or {}
+        each = entry.get("each", {})
         if len(each) > 1:
-            entries += [(str(name), {**figures, "recordings": []}) for name, figures in each.items()]
+            entries += [(name, {**figures, "recordings": []}) for name, figures in each.items()]
     if not entries:
         return None
-    known = [each[key] for _label, each in entries for key in ("before", "after") if _finite(each.get(key))]
-    known += [floor] if _finite(floor) else []
-    scale = _Scale.over(known)
+    known = [each[key] for _label, each in entries for key in ("before", "after") if each[key] is not None]
+    scale = _Scale.over([*known, floor])
     return {
-        "unit": fit.get("unit") or "",
-        "floor": number(floor, 3, trim=False) if _finite(floor) else None,
+        "unit": fit["unit"],
+        "floor": number(floor, 3, trim=False),
         "floor_at": scale.place(floor),
         "ticks": scale.ticks(),
-        "forced": any(_finite(each.get("force")) for _label, each in entries),
+        "forced": any(each.get("force") for _label, each in entries),
         "rows": [_fit_row(label, each, floor, scale) for label, each in entries],
     }
 
 
-def _fit_row(label: str, entry: Mapping[str, Any], floor: Any, scale: _Scale) -> dict[str, Any]:
-    before, after, force = entry.get("before"), entry.get("after"), entry.get("force")
-    over = after / floor if _finite(after) and _finite(floor) and floor > 0 else None
-    share = ""
-    if _finite(force) and force > 0:
-        share = " to ".join(f"{100 * each / force:.2g} %" for each in (before, after) if _finite(each))
+def _fit_row(label: str, entry: Mapping[str, Any], floor: float, scale: _Scale) -> dict[str, Any]:
+    before, after, force = entry["before"], entry["after"], entry.get("force")
     return {
         "label": label,
-        "recordings": ", ".join(str(name) for name in entry.get("recordings") or []),
-        "how": entry.get("how") or "",
+        "recordings": ", ".join(entry["recordings"]),
+        "how": entry.get("how", ""),
         "before": number(before, 3, trim=False),
         "after": number(after, 3, trim=False),
-        "over": "" if over is None else f"{over:.2f}",
-        "share": share,
+        "share": f"{100 * before / force:.2g} % to {100 * after / force:.2g} %" if force else "",
+        "over": "" if after is None else f"{after / floor:.2f}",
         "before_at": scale.place(before),
         "after_at": scale.place(after),
     }
@@ -449,13 +442,13 @@ class _Scale:
 
     @classmethod
     def over(cls, values: Sequence[float]) -> _Scale:
-        positive = [float(value) for value in values if value > 0] or [1.0]
+        positive = [value for value in values if value > 0]
         low, high = min(positive), max(positive)
         # a factor of two at the least, or a scale of nothing but noise would make much of it
         return cls(low / 1.25, max(high, 2.0 * low) * 1.25)
 
-    def place(self, value: Any) -> float | None:
-        if not _finite(value) or value <= 0:
+    def place(self, value: float | None) -> float | None:
+        if not value:
             return None
         return round(100.0 * math.log(value / self.low) / math.log(self.high / self.low), 2)
 
@@ -474,7 +467,7 @@ def _law(finding: Mapping[str, Any]) -> dict[str, Any] | None:
     law = finding.get("law")
     if not law:
         return None
-    form = "measured" if finding.get("form") in (None, "measured") else f"as {finding['form']}"
+    form = finding["form"] if finding["form"] == "measured" else f"as {finding['form']}"
     nearest = law.get("nearest")
     return {
         **{key: law[key] for key in ("x", "y", "low", "high")},
@@ -487,22 +480,22 @@ def _law(finding: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
-    mechanism, evidence = str(finding["mechanism"]), finding.get("evidence") or {}
-    lag = {key: entry for key, entry in (evidence.get("beside_a_free_lag") or {}).items() if isinstance(entry, Mapping)}
+    mechanism, evidence = finding["mechanism"], finding["evidence"]
+    share = evidence.get("share_of_left_out")
+    more = {key: each for key, each in evidence.items() if key not in KNOWN and _finite(each)}
     return {
         "mechanism": mechanism,
-        "explanation": finding.get("explanation") or "",
-        "equation": evidence.get("equation") or "",
-        "source": list(_linked(str(evidence.get("source") or ""))),
-        "strengths": [_strength(mechanism, *each) for each in (finding.get("parameters") or {}).items()],
-        "law": bool(finding.get("law")),
-        "beside": _beside(finding.get("law") or {}),
-        "equivalents": _listed(str(each) for each in finding.get("equivalents") or []),
-        "separate": evidence.get("separate") or [],
-        "gain": number(evidence.get("gain")),
-        "share": f"{100 * evidence['share_of_left_out']:.3g} %" if _finite(evidence.get("share_of_left_out")) else "",
-        "lag": [_strength(mechanism, *each) for each in lag.items()],
-        "more": [(_words(key), number(each)) for key, each in evidence.items() if key not in KNOWN and _finite(each)],
+        "explanation": finding["explanation"],
+        "equation": evidence["equation"],
+        "source": list(_linked(evidence["source"])),
+        "strengths": [_strength(mechanism, *each) for each in finding["parameters"].items()],
+        "law": "law" in finding,
+        "beside": _beside(finding.get("law", {})),
+        "equivalents": _listed(finding["equivalents"]),
+        "gain": number(evidence["gain"]),
+        "share": "" if share is None else f"{100 * share:.3g} %",
+        "lag": [_strength(mechanism, *each) for each in evidence.get("beside_a_free_lag", {}).items()],
+        "more": [(_words(key), number(each)) for key, each in more.items()],
     }
 
 
@@ -534,18 +527,18 @@ def _strength(mechanism: str, symbol: str, entry: Mapping[str, Any]) -> dict[str
 
 def _constants(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Those that are off first, then the rest of the law where the record has it."""
-    off, every = record.get("parameters") or {}, record.get("constants") or {}
-    rest = {name: entry for name, entry in every.items() if name not in off}
-    claimed = record.get("verdict") != "unexplained"
-    return [_constant(name, entry, _change(entry), entry.get("nominal") is not None) for name, entry in off.items()] + [
+    off = record["parameters"]
+    rest = {name: entry for name, entry in record["constants"].items() if name not in off}
+    claimed = record["verdict"] != "unexplained"
+    return [_constant(name, entry, _change(entry), entry["nominal"] is not None) for name, entry in off.items()] + [
         _constant(name, entry, _as_stated(entry) if claimed else "", False) for name, entry in rest.items()
     ]
 
 
 def _as_stated(entry: Mapping[str, Any]) -> str:
     """Of a constant that is not said to be wrong: only a measured law beside it may take up what it is off."""
-    value, nominal, std = (entry.get(key) for key in ("value", "nominal", "nominal_std"))
-    if all(map(_finite, (value, nominal, std))) and abs(value - nominal) > SEVERAL * std:  # type: ignore[operator]
+    nominal, std = entry.get("nominal"), entry.get("nominal_std")
+    if nominal is not None and std is not None and abs(entry["value"] - nominal) > SEVERAL * std:
         return f"{_change(entry)} together with the law"
     return "within its tolerance"
 
@@ -555,22 +548,15 @@ def _constant(name: str, entry: Mapping[str, Any], change: str, off: bool) -> di
 
 
 def _change(entry: Mapping[str, Any]) -> str:
-    value, nominal = entry.get("value"), entry.get("nominal")
+    nominal = entry.get("nominal")
     if nominal is None:
         return "was to be found"
-    if not _finite(value) or not _finite(nominal) or not nominal:
-        return ""
-    return f"{100 * (value - nominal) / abs(nominal):+.3g} %".replace("-", "\u2212")
+    return f"{100 * (entry['value'] - nominal) / abs(nominal):+.3g} %".replace("-", "\u2212") if nominal else ""
 
 
-def _quantity(entry: Mapping[str, Any], believed: Any = None) -> dict[str, str]:
+def _quantity(entry: Mapping[str, Any], believed: float | None = None) -> dict[str, str]:
     """Value, standard deviation and interval to the same digits, and the unit with the power of ten taken out."""
-    value, std = entry.get("value"), entry.get("std")
-    if not _finite(value):
-        return {
-            "value": number(value), "std": "", "interval": "", "believed": "", "unit": _unit(entry.get("unit") or "")
-        }  # fmt: skip
-    spread = abs(float(std)) if _finite(std) else 0.0
+    value, spread = entry["value"], entry["std"]
     size = max(abs(value), spread)
     power = math.floor(math.log10(size)) if size > 0 else 0
     power = 0 if -3 <= power < 5 else 3 * (power // 3)
@@ -583,15 +569,15 @@ def _quantity(entry: Mapping[str, Any], believed: Any = None) -> dict[str, str]:
     digits = min(max(1 - finest, 0), 9)
     low, high = entry.get("interval") or (value - SURE * spread, value + SURE * spread)
 
-    def written(figure: Any) -> str:
+    def written(figure: float) -> str:
         return f"{figure * factor:.{digits}f}".replace("-", "\u2212")
 
-    unit = _unit(entry.get("unit") or "")
+    unit = _unit(entry["unit"])
     return {
         "value": written(value),
         "std": written(spread) if spread > 0 else "",
         "interval": f"{written(low)} to {written(high)}" if spread > 0 else "",
-        "believed": written(believed) if _finite(believed) else "",
+        "believed": "" if believed is None else written(believed),
         "unit": f"10{_raised(power)} {unit}".strip() if power else unit,
     }
 
@@ -610,27 +596,12 @@ def _unit(unit: str) -> str:
     return raised.replace("*", "\u00b7")
 
 
-# the rest
-
-
-def _rest(rest: Mapping[str, Any]) -> dict[str, Any] | None:
-    """What is left after all, where the record describes it."""
-    if not rest.get("summary"):
-        return None
-    shapes = [
-        (str(each["shape"]), f"{100 * each['share']:.2g} %")
-        for each in rest.get("shapes") or []
-        if _finite(each.get("share"))
-    ]
-    return {"summary": rest["summary"], "shapes": shapes}
-
-
-def _ahead(record: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
+def _ahead(record: Mapping[str, Any]) -> list[str]:
     """What to measure next: as the record says, or else what would tell the equivalents apart."""
-    if record.get("next"):
-        return [str(each) for each in record["next"]]
+    if record["next"]:
+        return record["next"]
     found = []
-    for finding in findings:
+    for finding in record["findings"]:
         ways = finding["evidence"].get("separate")
         if ways:
             others = _listed(finding["equivalents"])

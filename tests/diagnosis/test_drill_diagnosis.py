@@ -1,6 +1,7 @@
 """The second design from a campaign of the concealed rig to its verdict."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Concealed
 from drillenv.corrected import model_from_record, model_record
+from drillenv.diagnosis import drill_report
 from drillenv.diagnosis.drill_diagnosis import diagnose_drill, outlying_recording
 from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
-from drillenv.diagnosis.drill_report import corrected, record_of
+from drillenv.diagnosis.drill_report import corrected, record_of, waves
 from drillenv.diagnosis.thresholds import LEFT
 
 pytestmark = pytest.mark.slow
@@ -39,11 +41,23 @@ def test_nothing_missing_agrees():
         assert abs(off) < 4.5 * spread[i] * unknown.width, unknown.name
 
 
-def test_a_wrong_constant_is_named_and_right():
+def test_a_wrong_constant_is_named_and_right(monkeypatch):
     made, outcome = diagnosed(22, wrong={"damping": 9.0})
     record = record_of(outcome, [])
     assert outcome.verdict == "parameters"
     assert record["parameters"]["damping"]["value"] == pytest.approx(made.true._asdict()["damping"], rel=0.01)
+    # of a recording that a model does not get through nothing is simulated, and nothing shown
+    lost, *others = [each.name for each in outcome.fit_data]
+    monkeypatch.setattr(drill_report, "is_followed", lambda each: each.block.name != lost)
+    assert {each["recording"] for each in record_of(outcome, [])["cells"]} == set(others)
+    drawn = {
+        wave.name: [(trace.before is None, trace.after is None) for trace in wave.traces] for wave in waves(outcome)
+    }
+    assert drawn == {lost: 2 * [(True, True)], **{name: 2 * [(False, False)] for name in others}}
+    monkeypatch.setattr(drill_report, "is_followed", lambda _: False)
+    record = record_of(replace(outcome, verdict="unexplained"), [])
+    assert record["where"]["summary"] == record["rest"]["summary"] == drill_report.FOLLOWS_NONE
+    assert record["cells"] == []
 
 
 def test_the_librarys_equation_gives_the_form_and_its_parameter():

@@ -7,7 +7,9 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from importlib.resources import files
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -28,6 +30,32 @@ def blows(hertz, seconds, gain=1.0, seed=0, noise=2.0):
     return time, gain * 1500.0 * pulse + np.random.default_rng(seed).normal(0.0, noise, time.size)
 
 
+BARE = {
+    "format": "drillenv-report/1",
+    "tool": {"name": "drillenv", "version": "0"},
+    "inputs": {},
+    "verdict": "agrees",
+    "where": {"balance": None, "regimes": [], "recordings": [], "summary": "What is left is noise."},
+    "findings": [],
+    "parameters": {},
+    "bookkeeping": [],
+    "explained": None,
+    "fit": {
+        "unit": "N",
+        "noise_floor": 1.0,
+        "fitted": {"recordings": ["r1"], "before": 1.0, "after": 1.0},
+        "held_out": {"recordings": [], "before": None, "after": None},
+    },
+    "rejected": [],
+    "next": [],
+    "quality": [],
+    "constants": {},
+    "correlations": None,
+    "rest": {"summary": "Nothing is left beyond the noise."},
+    "remarks": [],
+    "cells": [],
+}
+"""All that a record has to have."""
 LAW = {
     "argument": "speed into the rock, at the median depth",
     "argument_unit": "m/s",
@@ -105,7 +133,7 @@ def drill(title="Sandstone, first shift", hostile=""):
         "cells": cells,
         "next": ["Record at two pressures that differ by a factor of two." + hostile],
     }
-    return title, record, waves
+    return title, {**BARE, **record}, waves
 
 
 def body(title="A positioning drive"):
@@ -140,6 +168,7 @@ def body(title="A positioning drive"):
                 "mechanism": "dry-friction",
                 "equivalents": [],
                 "explanation": "A dry friction holds against the motion.",
+                "form": "coulomb",
                 "parameters": {"fc": strength},
                 "evidence": {
                     "gain": 8123.4,
@@ -182,7 +211,7 @@ def body(title="A positioning drive"):
             for regime, value in (("forward, slow", 610.0), ("forward, fast", 420.3), ("backward, slow", 0.98))
         ],
     }
-    return title, record, waves
+    return title, {**BARE, **record}, waves
 
 
 SAMPLES = {"drill": drill, "body": body}
@@ -261,7 +290,7 @@ def test_everything_is_on_the_page_in_order(drilled):
     seen = Seen(drilled)
     sections = [each for tag, each in seen.elements if tag == "section"]
     assert [each["id"] for each in sections] == [
-        "verdict", "map", "waveforms", "fit", "mechanisms", "constants", "rejected", "ahead", "quality",
+        "verdict", "map", "waveforms", "fit", "mechanisms", "constants", "rest", "rejected", "ahead", "quality",
     ]  # fmt: skip
     words = seen.words
     for expected in (
@@ -309,20 +338,18 @@ def test_the_map_is_darker_where_the_mismatch_is_larger(drilled):
     assert lightness[0] > 700 and lightness[-1] < 250
 
 
+@pytest.mark.parametrize("record", [BARE, drill()[1], body()[1]], ids=["bare", "drill", "body"])
+def test_records_are_as_the_schema_has_them(record):
+    schema = json.loads((files("drillenv.diagnosis") / "report.schema.json").read_text())
+    jsonschema.validate(record, schema)
+
+
 def test_what_is_not_in_the_record_is_not_on_the_page():
-    seen = Seen(page("bare", {"verdict": "agrees"}, []))
-    assert seen.ids() == ["verdict"]
+    seen = Seen(page("bare", BARE, []))
+    assert seen.ids() == ["verdict", "fit", "rest", "quality"]
     assert seen.scripts == []
-    gaps = {
-        "verdict": "unexplained",
-        "where": {"balance": None, "regimes": [], "recordings": [], "summary": "Periodic."},
-        "findings": [],
-        "parameters": {},
-        "fit": {"unit": "N", "noise_floor": 1.0, "fitted": {"before": 2.0, "after": None}, "held_out": {"after": None}},
-        "rejected": [],
-        "quality": [],
-        "cells": [],
-    }
+    gaps = {**BARE, "verdict": "unexplained", "where": {**BARE["where"], "summary": "Periodic."}}
+    gaps["fit"] = {**BARE["fit"], "fitted": {"recordings": ["r1"], "before": 2.0, "after": None}}
     time, measured = blows(80.0, 0.05)
     words = Seen(page("gaps", gaps, [Wave("r1", False, time, (Trace("force", "N", measured),))])).words
     assert "no mechanism of the library accounts for it" in words
@@ -346,6 +373,7 @@ def test_what_is_not_in_the_record_is_not_on_the_page():
     ],
 )
 def test_the_verdict_is_one_sentence(record, said):
+    record = BARE | record
     assert said in sentence(record)
     assert sentence(record).count(". ") == 0
 
@@ -369,14 +397,14 @@ def test_numbers_are_readable(value, text):
 
 def test_constants_share_their_digits_and_their_power_of_ten():
     entry = {"value": 21.437e6, "std": 0.056e6, "unit": "N/m", "nominal": 18.0e6}
-    words = Seen(page("t", {"verdict": "parameters", "parameters": {"loading_stiffness": entry}}, [])).words
+    words = Seen(page("t", BARE | {"verdict": "parameters", "parameters": {"loading_stiffness": entry}}, [])).words
     assert "loading stiffness 18.000 21.437 0.056 21.327 to 21.547 10⁶ N/m +19.1 %" in words
 
 
 def test_only_constants_near_to_what_is_stated_are_within_their_tolerance():
     stiffness = {"value": 80e3, "std": 200.0, "unit": "N/m", "nominal": 70e3, "nominal_std": 1000.0}
     damping = {"value": 2460.0, "std": 5.0, "unit": "N*s/m", "nominal": 2450.0, "nominal_std": 50.0}
-    record = {"verdict": "missing-physics", "constants": {"stiffness": stiffness, "damping": damping}}
+    record = BARE | {"verdict": "missing-physics", "constants": {"stiffness": stiffness, "damping": damping}}
     words = Seen(page("t", record, [])).words
     assert "+14.3 % together with the law" in words and words.count("within its tolerance") == 1
     assert "within its tolerance" not in Seen(page("t", record | {"verdict": "unexplained"}, [])).words
@@ -400,7 +428,7 @@ def test_hostile_words_stay_words():
 
 
 def test_half_a_surrogate_can_be_written():
-    page("broken \ud800 title", {"verdict": "agrees"}, []).encode("utf-8")
+    page("broken \ud800 title", BARE, []).encode("utf-8")
 
 
 def test_the_page_fetches_nothing(drilled):
@@ -422,7 +450,7 @@ def test_peaks_are_kept_and_the_page_stays_small():
     at = 61_234
     measured[at] += 9000.0
     wave = Wave("r1", False, time, (Trace("force", "N", measured, believed, believed),) * 2)
-    text = page("long", {"verdict": "agrees"}, [Wave(f"r{i}", False, time, wave.traces) for i in range(12)])
+    text = page("long", BARE, [Wave(f"r{i}", False, time, wave.traces) for i in range(12)])
     assert len(text.encode()) < 6.2e6
     (shown, *_others) = waves = waves_of(text)
     assert len(waves) == 12
@@ -443,9 +471,7 @@ def test_peaks_are_kept_and_the_page_stays_small():
 def test_a_short_recording_is_shown_whole_with_its_gaps():
     time, measured = blows(80.0, 0.1)
     measured[100:110] = np.nan
-    (wave,) = waves_of(
-        page("gap", {"verdict": "agrees"}, [Wave("r1", True, time, (Trace("force", "N", measured, 0 * time),))])
-    )
+    (wave,) = waves_of(page("gap", BARE, [Wave("r1", True, time, (Trace("force", "N", measured, 0 * time),))]))
     force = decoded(wave["traces"][0]["measured"])
     assert wave["whole"] and wave["traces"][0]["along"] is None and wave["traces"][0]["after"] is None
     np.testing.assert_array_equal(np.isnan(force), np.isnan(measured))
@@ -454,7 +480,7 @@ def test_a_short_recording_is_shown_whole_with_its_gaps():
 def test_lengths_that_differ_are_said():
     wave = Wave("r1", False, np.arange(5.0), (Trace("force", "N", np.zeros(5), np.zeros(4)),))
     with pytest.raises(InputError, match=r"r1.*as many samples"):
-        page("t", {"verdict": "agrees"}, [wave])
+        page("t", BARE, [wave])
 
 
 def test_what_draws_is_imported_late():
