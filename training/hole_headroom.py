@@ -19,7 +19,8 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from drillenv.checks import InputError, count
+from drillenv import controllers
+from drillenv.checks import InputError, count, shown
 from drillenv.cli import Parser
 from drillenv.controllers import Controller, OnPlant, sees_truth
 from drillenv.controllers.fixed import Random
@@ -28,8 +29,10 @@ from drillenv.controllers.hole.learned import HoleLearned
 from drillenv.controllers.hole.oracle import Greedy, HoleOracle
 from drillenv.controllers.hole.planning import physics_of, settings_grid, solve
 from drillenv.controllers.hole.rules import HoleFixed, HoleRules
+from drillenv.controllers.policies.stable_baselines import read_model
 from drillenv.env.hole.costs import BIT, WELL_DRILLED
 from drillenv.env.hole.task import HoleTask
+from drillenv.env.registration import HOLE_IDS
 from drillenv.files import check_writable, whole
 from drillenv.training.headroom import RESAMPLES
 from drillenv.training.league_table import put
@@ -74,12 +77,14 @@ def best_pin(control: int) -> np.ndarray:
     return pinned(control, int(np.argmin(costs)))
 
 
-def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callable[[], list[Controller]]]:
+def entries(policies: Sequence[str]) -> dict[str, Callable[[], list[Controller]]]:
     """The rows, each made when it is run.
 
     Args:
-        policies: Folders of policies trained alike, by seed.
-        myopic: The same with a discount of 0.
+        policies: Folders of policies, or models that Stable-Baselines3 saved, each called ROW-SEED.
+
+    Raises:
+        InputError: one is called otherwise.
     """
     rows: dict[str, Callable[[], list[Controller]]] = {
         ORACLE: lambda: [HoleOracle()],
@@ -95,20 +100,45 @@ def entries(policies: Sequence[str], myopic: Sequence[str]) -> dict[str, Callabl
     }
     for control, name in enumerate(PINNED):
         rows[f"oracle, {name} pinned"] = lambda control=control: [HoleOracle(settings=best_pin(control))]
-    for name, folders in (("ppo", policies), ("ppo, gamma 0", myopic)):
-        if folders:
-            many = f"{len(folders)} seed{'s' if len(folders) > 1 else ''}"
-            rows[f"{name}, {many}"] = lambda folders=folders: [HoleLearned(each) for each in folders]
+    for name, paths in alike(policies).items():
+        many = f"{len(paths)} seed{'s' if len(paths) > 1 else ''}"
+        rows[f"{name}, {many}"] = lambda paths=paths: [learned(each) for each in paths]
     return rows
 
 
+def alike(policies: Sequence[str]) -> dict[str, list[Path]]:
+    """Policies that were trained alike, each from another seed, by the names of their rows.
+
+    Raises:
+        InputError: one is not called ROW-SEED.
+    """
+    found: dict[str, list[Path]] = {}
+    for path in map(Path, policies):
+        row, _, seed = path.name.removesuffix(".zip").rpartition("-")
+        if not row or not seed.isdecimal():
+            raise InputError(f"policy {shown(path.name)} says neither row nor seed: call it ROW-SEED, as ppo-0")
+        found.setdefault(row, []).append(path)
+    return found
+
+
+def learned(path: Path) -> Controller:
+    """The controller of a policy's folder, or of a model that Stable-Baselines3 saved.
+
+    Raises:
+        InputError: it is neither, or of another task.
+    """
+    if path.suffix == ".zip":
+        return controllers.make("learned", policy=read_model(path, HOLE_IDS[0]))
+    return HoleLearned(path)
+
+
 def row_of(
-    alike: Sequence[Controller], scenario: str, episodes: int, steps: int | None = None
+    same: Sequence[Controller], scenario: str, episodes: int, steps: int | None = None
 ) -> dict[str, list[float]]:
     """What controllers of one kind did in each hole, in the mean over them and over the noise."""
     made = [
         play(each, scenario, episodes, seed, steps)
-        for each in alike
+        for each in same
         for seed in range(1 if sees_truth(each) else NOISES)
     ]
     return {name: np.mean([each[name] for each in made], axis=0).tolist() for name in made[0]}
@@ -194,15 +224,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=60, help="the first so many (default 60)")
     parser.add_argument("--json", type=Path, required=True, help="the record, which is gone on with where it exists")
     parser.add_argument("--table", type=Path, help="write the table into its place in this page")
-    note = "folders of policies that drillenv train made on DrillBit, by seed"
-    parser.add_argument("--policies", nargs="+", default=[], metavar="DIR", help=note)
-    parser.add_argument("--myopic", nargs="+", default=[], metavar="DIR", help="the same with a gamma of 0")
+    note = "policies of drillenv train on DrillBit or models of Stable-Baselines3 (zip), each called ROW-SEED"
+    parser.add_argument("--policies", nargs="+", default=[], metavar="PATH", help=note)
     try:
         given = parser.parse_args(arguments)
         episodes = count("episodes", given.episodes, 1, 1000)
         check_writable(given.json)
         record = begun(given.json, given.scenario, episodes)
-        for name, make in entries(given.policies, given.myopic).items():
+        for name, make in entries(given.policies).items():
             if name not in record["rows"]:
                 record["rows"][name] = row_of(make(), given.scenario, episodes)
                 with whole(given.json) as part:

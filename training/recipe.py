@@ -256,7 +256,7 @@ class Recipe:
     @property
     def timesteps(self) -> int:
         """Steps in all where none are given."""
-        return TIMESTEPS.get(self.algo, HOLE_TIMESTEPS if self.hole else USUAL_TIMESTEPS)
+        return TIMESTEPS.get(self.algo, HOLE_TIMESTEPS if self.believing else USUAL_TIMESTEPS)
 
     @property
     def unit(self) -> str:

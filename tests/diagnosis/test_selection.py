@@ -10,7 +10,7 @@ import pytest
 from drillenv.diagnosis import naming, resolution, selection, steps
 from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
-from drillenv.diagnosis.fitting import Fitted, penalty
+from drillenv.diagnosis.fitting import JOINED, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
 from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
@@ -201,13 +201,37 @@ def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
     """Air without stiffness fits whatever fades away; its strength is the first parameter of its own term."""
     unknown = Unknown("stiffness", 0.0, 1e4)
     others, air = Term("constants", (unknown,) * 2), Term("air", (unknown,) * 2)
-    structure: Any = Fake(terms=[others, air])
+    structure = ModelStructure((others, air), FLAT, DRILL)
     fit: Any = Fake(shared=np.array([9.0, 9.0, strength, 9.0]))
     fitted = Fitted(structure, [], fit)
     # as computed from a fit, which this one has not
     vars(fitted)["covariance"] = np.diag([1e-6, 1e-6, 0.5**2, 1e-6])
     family: Any = Fake(terms=[air])
     assert strength_shows(family, fitted) == shows
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "std", "left", "again"),
+    [
+        (140.0, 10.0, 0.5, True),  # strained, and half is left
+        (140.0, 10.0, 0.05, False),  # next to nothing is left
+        (130.0, 10.0, 0.5, False),  # within what labs misjudge
+        (140.0, np.inf, 0.5, False),  # of which nothing is believed
+    ],
+)
+def test_a_family_is_begun_from_stated_constants_too_where_they_are_strained(monkeypatch, stiffness, std, left, again):
+    """What a family explains constants may have taken up, and states with them."""
+    structure = ModelStructure((Term("constants", (Unknown("stiffness", 100.0, 10.0, std),)),), FLAT, DRILL)
+    block: Any = Fake(weight=JOINED, samples=1001)
+    before = Fitted(structure, [block], Fake(shared=np.array([stiffness / 10.0]), own=[], cost=600.0))  # type: ignore
+
+    def with_family(fitted, _family, _limits, as_stated=False):
+        cost = 500.0 + (100.0 * left if not as_stated else 0.0)
+        return replace(fitted, fit=Fake(shared=fitted.fit.shared, own=[], cost=cost, as_stated=as_stated))
+
+    monkeypatch.setattr(selection, "with_family", with_family)
+    found: Any = selection.short_fit(before, Fake(constant=""))  # type: ignore[arg-type]
+    assert found.fit.as_stated == again
 
 
 @pytest.mark.parametrize(

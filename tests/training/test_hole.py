@@ -126,6 +126,8 @@ def test_training_has_a_price_of_its_own_and_the_numbers_of_a_hole():
     assert (recipe.prepared, recipe.envs, recipe.rollout, recipe.batch, recipe.epochs) == (True, 64, 128, 2048, 5)
     assert (recipe.gamma, recipe.gae_lambda, recipe.learning_rate, recipe.ahead) == (0.99, 0.95, 1e-3, 0)
     assert recipe.timesteps == recipe.anneal == 4_000_000
+    # on the environment as it is, those of every run
+    assert Recipe(env="drillenv/DrillBit-v0", algo="ppo", prepared=False).timesteps == 500_000
     learner = Learner(Recipe(**SMALL), threads=1)
     task = learner.rigs.rigs.task
     assert task.costs.metre == believing.METRE and task.costs.bit == 80.0  # type: ignore[attr-defined]
@@ -213,6 +215,17 @@ def test_the_table_of_a_record():
     assert found["rules"]["cost"] == pytest.approx([3.0, 2.0, 4.0])  # two holes, of 2 and of 4 EUR/m
     text = hole_headroom.table(record)
     assert text.index("| oracle |") < text.index("| rules |")
+
+
+def test_policies_are_rows_by_their_names(tmp_path, capsys):
+    found = hole_headroom.alike(["made/ppo-0", "made/ppo-1", "plain-ppo-12.zip"])
+    assert {row: [each.name for each in paths] for row, paths in found.items()} == {
+        "ppo": ["ppo-0", "ppo-1"],
+        "plain-ppo": ["plain-ppo-12.zip"],
+    }
+    assert [name for name in hole_headroom.entries(["made/ppo-0", "ppo-1"]) if "seed" in name] == ["ppo, 2 seeds"]
+    assert hole_headroom.main(["--json", str(tmp_path / "r.json"), "--policies", "mine.zip"]) == 2
+    assert "policy 'mine.zip' says neither row nor seed: call it ROW-SEED, as ppo-0" in capsys.readouterr().err
 
 
 def test_a_record_of_something_else_is_refused(tmp_path, capsys):
