@@ -10,6 +10,7 @@ from drillenv import cli
 from drillenv.controllers.hole.belief import SIZE
 from drillenv.controllers.hole.learned import HolePolicy, read_policy, write_policy
 from drillenv.controllers.hole.rules import HoleRules
+from drillenv.controllers.policies.stable_baselines import read_model
 from drillenv.training.evaluate import Run, read_record
 from drillenv.training.hole_headroom import MEASURES, row_of, summary, table
 from drillenv.training.hole_league import FORMAT, entries, evaluate, league_table, page_part
@@ -139,6 +140,9 @@ def test_the_published_table_is_that_of_its_record_and_its_cheap_rows_are_curren
     shipped = sorted((PUBLISHED / "policies").glob("ppo-*"))
     assert f"ppo, {len(shipped)} seeds" in record["rows"]
     assert [read_policy(each).provenance["seed"] for each in shipped] == list(range(len(shipped)))
+    plain = sorted((PUBLISHED / "policies").glob("plain-ppo-*.zip"))
+    assert f"plain-ppo, {len(plain)} seeds" in record["rows"]
+    assert [read_model(each, "drillenv/DrillBit-v0").provenance["seed"] for each in plain] == list(range(len(plain)))
     for row in ("fixed", "rules"):
         made = row_of([run.make() for run in entries([row])[row]], record["scenario"], 2)
         assert made["cost_per_metre"] == pytest.approx(record["rows"][row]["cost_per_metre"][:2], rel=1e-9)
