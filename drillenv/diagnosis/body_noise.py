@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from drillenv.diagnosis.body import Autoregression, Nonlinear, Stretch, autoregression, columns_of
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_rig import BodyRig
-from drillenv.diagnosis.noise import peak_offset
+from drillenv.diagnosis.noise import line_columns, peak_offset
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.thresholds import REPORTED_LINE
@@ -48,7 +48,7 @@ def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
     noise = Autoregression(np.zeros(0), 1.0)
     lines: list[list[float]] = [[] for _ in stretches]
     for turn in range(ROUNDS):
-        own = [beside(each.body, frequencies) for each, frequencies in zip(stretches, lines, strict=True)]
+        own = [waves_of(each.body, frequencies) for each, frequencies in zip(stretches, lines, strict=True)]
         judged = [noise.judged(each.keep) for each in stretches]
         shared = [noise.whiten(rows)[:, keep] for rows, keep in zip(made, judged, strict=True)]
         alone = [noise.whiten(rows)[:, keep] for rows, keep in zip(own, judged, strict=True)]
@@ -70,10 +70,9 @@ def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
     return noise
 
 
-def beside(body: Body, frequencies: Sequence[float]) -> Floats:
+def waves_of(body: Body, frequencies: Sequence[float]) -> Floats:
     """(2 frequencies, n) sine and cosine of each in Hz."""
-    turned = 2.0 * math.pi * np.outer(np.asarray(frequencies, dtype=float), body.time)
-    return np.concatenate([np.sin(turned), np.cos(turned)])
+    return line_columns(frequencies, body.rate / body.every, body.time.size)
 
 
 def lines_in(data: Stretch, left: Floats) -> list[float]:
@@ -85,7 +84,7 @@ def lines_in(data: Stretch, left: Floats) -> list[float]:
         if tone is None:
             break
         found.append(tone[0])
-        waves = beside(data.body, found)[:, data.keep]
+        waves = waves_of(data.body, found)[:, data.keep]
         signal[data.keep] = left[data.keep] - np.linalg.lstsq(waves.T, left[data.keep])[0] @ waves
     return found
 

@@ -514,16 +514,14 @@ def axes_of_bodies(bodies: Sequence[Body]) -> Axes:
         low, high = np.percentile(every, [0.2, 99.8])
         return float(low), float(high)
 
-    scale, low, high = np.ones(PLACES), -np.ones(PLACES), np.ones(PLACES)
+    scale, low, high = np.ones(PLACES), -np.sinh(np.ones(PLACES)), np.sinh(np.ones(PLACES))
     ranges = {SPRING: most("smooth_position"), DAMPER: most("smooth_velocity")}
     fast = max(map(abs, ranges[DAMPER]))
     ranges[DAMPER] = -fast, fast
     if bodies[0].smooth_force is not None:
         ranges[DRIVE] = most("smooth_force")
     for place, (least, largest) in ranges.items():
-        scale[place] = 1e3 * max(abs(least), abs(largest))
-        low[place], high[place] = least / scale[place], largest / scale[place]
+        scale[place], low[place], high[place] = 1e3 * max(abs(least), abs(largest)), least, largest
     # dry friction changes its sign within less than a sample
-    scale[GUIDE] = fast / 300.0
-    low[GUIDE], high[GUIDE] = -math.asinh(300.0), math.asinh(300.0)
-    return Axes(scale, low, (high - low) / (GRID - 1))
+    scale[GUIDE], low[GUIDE], high[GUIDE] = fast / 300.0, -fast, fast
+    return Axes.over(scale, low, high)

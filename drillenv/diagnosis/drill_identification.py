@@ -93,10 +93,9 @@ def precision_of(fitted: Fitted, family: Family) -> Floats:
 
     In the solver's units.
     """
-    names = {each.name for each in (fitted.structure.terms[0], *family.terms)}
-    terms = fitted.structure.terms
-    inside = np.repeat([each.name in names for each in terms], [len(each.unknowns) for each in terms])
-    covariance = fitted.fit.covariance[np.ix_(inside, inside)]  # pyright: ignore[reportCallIssue]
+    structure = fitted.structure
+    inside = fitted.indices_of([structure.terms[0], *structure.current(family.terms)])
+    covariance = fitted.fit.covariance[np.ix_(inside, inside)]
     precision = np.linalg.pinv(covariance, hermitian=True) + 1e-9 * np.eye(len(covariance))
     return np.asarray(np.linalg.cholesky(precision), dtype=float)
 

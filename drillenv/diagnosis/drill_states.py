@@ -82,6 +82,9 @@ def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, o
     close = block.weight <= JOINED and 2.0 * cost < CLOSE * block.samples
     model = block.structure.model(shared * block.widths, block.point)
     with_friction = model.bends(GUIDE) or model.bends(INDENTER)
+    if close and with_friction:
+        own = better_by_rollout(block, shared, own, cost)
+        cost, costs = block.costs(shared, own)
     mistaken = close and with_friction and abs(own[block.windows * block.state_count(own)]) > IMPROBABLE
     if mistaken or outlying:
         most = math.inf if mistaken else PROGRESS * found_cost(block, costs)
@@ -89,6 +92,15 @@ def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, o
         cost, costs = block.costs(shared, own)
     typical = float(np.median(costs / np.diff(block.data.starts)))
     return own if typical > 1.5 and not outlying else with_windows_reinitialised(block, shared, own, cost, costs)[1]
+
+
+def better_by_rollout(block: ShootingProblem, shared: Floats, own: Floats, cost: float) -> Floats:
+    """Own unknowns of a known cost, or those with states that go on from the first ones, where these come lower.
+
+    Friction that holds a mass in one window and not in the next parts valleys that no step goes between.
+    """
+    begun = estimate_states(block, shared, block.rollout(shared, own))
+    return begun if block.cost(shared, begun) < cost - next_to_nothing(cost, block.samples) else own
 
 
 def with_windows_reinitialised(
@@ -184,8 +196,7 @@ def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float,
     for _ in range(steps):
         part = block.quadratic(shared, own, fixed=True) if part is None else part
         move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
-        little = max(0.5, 1e-3 * (cost - 0.5 * samples))
-        if -0.5 * float(part.by_own @ move) < little:
+        if -0.5 * float(part.by_own @ move) < next_to_nothing(cost, samples):
             break
         after, at = line_search(block, shared, own, move, cost)
         if after < cost:
@@ -193,3 +204,8 @@ def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float,
         else:
             damping *= 30.0
     return cost, own
+
+
+def next_to_nothing(cost: float, samples: int) -> float:
+    """Log-likelihood below which a gain is none, beside what a recording of so many samples has left."""
+    return max(0.5, 1e-3 * (cost - 0.5 * samples))

@@ -130,16 +130,12 @@ class Fitted:
 
     def values_of(self, name: str) -> Floats:
         """Parameters of a term."""
-        split = self.structure.split(self.values)
-        return next(own for term, own in zip(self.structure.terms, split, strict=True) if term.name == name)
+        return self.values[self.structure.part(name)]
 
     def indices_of(self, terms: Sequence[Term]) -> list[int]:
         """Places of the terms' parameters among all."""
-        found, first = {}, 0
-        for term in self.structure.terms:
-            found[term.name] = list(range(first, first + len(term.unknowns)))
-            first += len(term.unknowns)
-        return [i for term in terms for i in found[term.name]]
+        parts = [self.structure.part(term.name) for term in terms]
+        return [i for part in parts for i in range(part.start, part.stop)]
 
     def precision_of(self, term: Term) -> Floats:
         """(m, m) of the parameters of a term, in their units."""

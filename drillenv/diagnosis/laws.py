@@ -308,10 +308,8 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
     for place, values in speeds:
         largest = max(float(np.percentile(np.abs(values), 99.8)), LEAST)
         ranges[place] = (-largest, largest, largest / 300.0)
-    scale = np.array([ranges[place][2] for place in range(PLACES)])
-    low = np.arcsinh(np.array([ranges[place][0] for place in range(PLACES)]) / scale)
-    high = np.arcsinh(np.array([ranges[place][1] for place in range(PLACES)]) / scale)
-    return Axes(scale, low, (high - low) / (GRID - 1))
+    low, high, scale = np.array([ranges[place] for place in range(PLACES)]).T
+    return Axes.over(scale, low, high)
 
 
 def axes_visited(paths: Sequence[Floats], models: Sequence[Model]) -> Axes:
@@ -486,15 +484,14 @@ WIDER = 0.5
 
 def wider(axes: Axes) -> Axes:
     """Axes over more than motions visit, but for phases and counts."""
-    low, high = axes.low.copy(), axes.low + axes.step * (GRID - 1)
+    low, high = np.array([axes.points(place)[[0, -1]] for place in range(PLACES)]).T
     for place in range(PLACES):
         if place in (WAVEFORM, COMPACTION):
             continue
-        x = axes.points(place)[[0, -1]]
-        more = WIDER * (x[1] - x[0])
-        ends = x + more * np.array([-1.0 if x[0] < 0.0 or place in SPRINGS else 0.0, 1.0])
-        low[place], high[place] = np.arcsinh(ends / axes.scale[place])
-    return Axes(axes.scale, low, (high - low) / (GRID - 1))
+        more = WIDER * (high[place] - low[place])
+        low[place] -= more if low[place] < 0.0 or place in SPRINGS else 0.0
+        high[place] += more
+    return Axes.over(axes.scale, low, high)
 
 
 def on_axes(structure: ModelStructure, axes: Axes) -> ModelStructure:

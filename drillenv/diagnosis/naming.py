@@ -103,13 +103,23 @@ def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain:
     return found.refit()
 
 
-def from_reduced_model(fitted: Fitted, family: Family, equations: Sequence[Term], say) -> list[tuple[Term, Fitted]]:
+def from_reduced_model(
+    fitted: Fitted, reduced: ModelStructure, start: Floats, family: Family, equations: Sequence[Term], say
+) -> list[tuple[Term, Fitted]]:
     """Fits of equations that begin from the reduced model, which has no law in their place, and not from the free law.
 
     The fit of a free law of many parameters may be a poor minimum, which says nothing of where an equation's is.
+
+    Args:
+        fitted: With the free law.
+        reduced: The same without.
+        start: Of its fit, in the solver's units.
+        family: Of the law.
+        equations: Those that could stand for it.
+        say: Told how they do.
     """
     found = []
-    base = fitted.refit(*without(fitted, family.terms))
+    base = fitted.refit(reduced, start)
     for equation in equations:
         if equation.has_states and not family.has_states:
             continue
@@ -156,7 +166,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
     if not done and fitted.per_freedom < CLOSE:
-        for equation, other in from_reduced_model(fitted, family, [each.equation for each in rivals], say):
+        for equation, other in from_reduced_model(fitted, rest, kept, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
     if not tried:
         return Named(family.mechanism, None), fitted

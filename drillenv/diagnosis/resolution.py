@@ -100,11 +100,9 @@ def smoothed(fitted: Fitted, family: Family) -> Fitted:
     scale has the largest marginal likelihood (S. N. Wood, Journal of the Royal Statistical Society B 73 (2011) 3-36)
     by the quadratic of the log-likelihood about the fit.
     """
-    names, first, terms = {each.name for each in family.terms}, 0, []
+    names, terms = {each.name for each in family.terms}, []
     covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
-    for term in fitted.structure.terms:
-        inside = slice(first, first + len(term.unknowns))
-        first = inside.stop
+    for term, inside in zip(fitted.structure.terms, fitted.structure.parts, strict=True):
         if isinstance(term, Curve) and term.name in names:
             smooth = slice(inside.start, inside.stop - term.corners)
             stds = most_likely_prior(fitted.fit.shared[smooth], covariance[smooth, smooth], term.roughness)

@@ -35,6 +35,7 @@ from drillenv.diagnosis.thresholds import (
     MOST_FAMILIES,
     NEAR,
     POSSIBLE,
+    SEVERAL,
 )
 
 CANDIDATES = 3
@@ -45,13 +46,40 @@ PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
 
 
-def with_family(fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0) -> Fitted:
-    """The fit with one more family, from its start, or from there with more of its first parameter, its strength."""
+def with_family(
+    fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0, as_stated: bool = False
+) -> Fitted:
+    """The fit with one more family, from its start, or from there with more of its first parameter, its strength.
+
+    From the constants of the fit, or with all of them ``as_stated``.
+    """
     structure, start = with_more(fitted.structure, fitted.fit.shared, family)
-    stronger = strength != 0.0
-    if stronger:
+    if strength != 0.0:
         start[-family.size] += strength / family.unknowns[0].width
-    return fitted.refit(structure, start, limits, states_first=stronger)
+    if as_stated:
+        stated = [each.value / each.width for each in structure.terms[0].unknowns]
+        start[: len(stated)] = stated
+    return fitted.refit(structure, start, limits, states_first=strength != 0.0 or as_stated)
+
+
+def short_fit(fitted: Fitted, family: Family) -> Fitted:
+    """A short fit with one more family.
+
+    In a joined model constants that are far from what is stated may have taken up what a family explains, and states
+    with them: from there its fit may come to a poor minimum, and where it leaves much it is begun from what is stated
+    as well.
+    """
+    found = with_family(fitted, family, SHORT)
+    if family.constant or fitted.weight > JOINED or not is_strained(fitted) or explains_all(found, fitted):
+        return found
+    return min(found, with_family(fitted, family, SHORT, as_stated=True), key=lambda each: each.cost)
+
+
+def is_strained(fitted: Fitted) -> bool:
+    """Whether a constant is several of its tolerances from what is stated."""
+    unknowns = fitted.structure.terms[0].unknowns
+    pairs = zip(fitted.values, unknowns, strict=False)
+    return any(abs(value - each.value) > SEVERAL * each.std for value, each in pairs)
 
 
 def from_strengths(fitted: Fitted, family: Family, limits: Limits) -> Fitted:
@@ -305,8 +333,9 @@ def refine_candidates(
     half = 0.5 * (fitted.cost + 0.5 * fitted.freedom)
     most_is_left = fitted.per_freedom > CLOSE and (best is None or best > half)
     for each in chosen:
-        begun = from_strengths if each.family.has_states and most_is_left else with_family
-        fits.append((each, begun(fitted, each.family, SHORT)))
+        strong = each.family.has_states and most_is_left
+        found = from_strengths(fitted, each.family, SHORT) if strong else short_fit(fitted, each.family)
+        fits.append((each, found))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:
         return fits

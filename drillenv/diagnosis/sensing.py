@@ -32,7 +32,7 @@ FORCE, ACCELERATION = 0, 1
 NONE = 1e6  # Hz: here a resonance or a low-pass does nothing, as in the library
 LAGS, CORNERS = (-5e-5, 5e-5, 1.2e-4, 2.5e-4, 4.5e-4, 8e-4), (300.0, 800.0, 2000.0)
 """Of a free response: s by which it shifts, and Hz at which its low-passes begin."""
-BROAD, NARROW = 0.06, 0.03  # damping ratios of its resonators where there are many, and of one alone
+BROAD, NARROW = 0.06, 0.03  # damping ratios of its resonators, and those that fits of an equation begin with
 OVERDAMPED = 0.6
 """Damping ratio beyond which a resonance raises no frequency and is a low-pass."""
 CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
@@ -159,18 +159,15 @@ def _convolved(x: Floats, kernel: Floats, first: int) -> Floats:
 @lru_cache(256)
 def _kernels(rings: tuple[float, ...], rate: float) -> tuple[Floats, int]:
     """(coefficients, taps) what the parts of a free response add to a signal, and their first place."""
-    ahead, ratio = math.ceil(-min(LAGS) * rate) + 3, NARROW if len(rings) == 1 else BROAD
-    longest = max([0.007, *[10.0 / (ratio * TWO_PI * each) for each in rings]])
+    ahead = math.ceil(-min(LAGS) * rate) + 3
+    longest = max([0.007, *[10.0 / (BROAD * TWO_PI * each) for each in rings]])
     pulse = np.zeros(ahead + math.ceil(min(longest, 0.05) * rate))
     pulse[ahead] = 1.0
     found = [_convolved(pulse, *_late(lag * rate, 3)) - pulse for lag in LAGS]
     found += [_filtered(pulse, rate, corner) - pulse for corner in CORNERS]
     for each in rings:
-        # one alone comes once more in a row with itself, for the frequencies and dampings nearby
-        again = 2.0 * ratio * _filtered(pulse, rate, each, ratio, True)
-        for x in (pulse, again) if len(rings) == 1 else (pulse,):
-            parts = (_filtered(x, rate, each, ratio) - x, _filtered(x, rate, each, ratio, True))
-            found += [part * (each < 0.45 * rate) for part in parts]
+        parts = (_filtered(pulse, rate, each, BROAD) - pulse, _filtered(pulse, rate, each, BROAD, True))
+        found += [part * (each < 0.45 * rate) for part in parts]
     return np.array(found), -ahead
 
 
@@ -447,8 +444,8 @@ def _resonators(count: int, rate: float) -> tuple[float, ...]:
 def _parts(rings: Sequence[float]) -> tuple[Unknown, ...]:
     """Of a free response that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
     smooth = [f"lag {1e6 * lag:g} us" for lag in LAGS] + [f"low-pass {corner:g} Hz" for corner in CORNERS]
-    parts = ("below", "band", "below again", "band again")[: 4 if len(rings) == 1 else 2]
-    return _free(smooth, 0.2) + _free([f"ring {each:.0f} Hz {part}" for each in rings for part in parts], 0.1)
+    ringing = [f"ring {each:.0f} Hz {part}" for each in rings for part in ("below", "band")]
+    return _free(smooth, 0.2) + _free(ringing, 0.1)
 
 
 def free_response(rings: Sequence[float]) -> Response:
@@ -511,14 +508,8 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     return [*found, Added(offset, zero, 5, effect=offset), replace(added(names), name="own offsets", effect=offset)]
 
 
-def sensor_families(
-    names: Sequence[str], rate: float, rings: bool = False, lines: Collection[float] = ()
-) -> list[Family]:
-    """Free laws at zero, of these recordings.
-
-    ``rings`` adds responses with one resonator each, for weak damping; of hums of ``lines`` in Hz that are there
-    already, the amplitude may swell.
-    """
+def sensor_families(names: Sequence[str], rate: float, lines: Collection[float] = ()) -> list[Family]:
+    """Free laws at zero, of these recordings; of hums of ``lines`` in Hz that are there, the amplitude may swell."""
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     found: list[tuple[str, str, Sensor]] = [
@@ -535,8 +526,6 @@ def sensor_families(
         ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
         ("crosstalk", "", Response("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]
-    if rings:
-        found += [(ACCELEROMETER, f" {each:.0f} Hz", free_response((each,))) for each in _resonators(24, rate)]
     known = {ACCELEROMETER: mechanism_of_law(RISING)}
     said = {"crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled."}
     return [Family(law + more, law, (term,), known.get(law, ""), said.get(law, "")) for law, more, term in found]

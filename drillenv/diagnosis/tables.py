@@ -42,6 +42,12 @@ class Axes(NamedTuple):
     step: np.ndarray
     """(PLACES,)"""
 
+    @classmethod
+    def over(cls, scale: Floats, low: Floats, high: Floats) -> Axes:
+        """From arguments to others (PLACES,), whose axes have these scales."""
+        first = np.arcsinh(low / scale)
+        return cls(scale, first, (np.arcsinh(high / scale) - first) / (GRID - 1))
+
     def points(self, place: int) -> np.ndarray:
         """(GRID,) arguments at which a place's values stand."""
         return self.scale[place] * np.sinh(self.low[place] + self.step[place] * np.arange(GRID))

@@ -231,6 +231,10 @@ class ModelStructure:
         ends = list(accumulate((len(term.unknowns) for term in self.terms), initial=0))
         return [slice(first, after) for first, after in pairwise(ends)]
 
+    def part(self, name: str) -> slice:
+        """The same of the term of a name."""
+        return next(part for term, part in zip(self.terms, self.parts, strict=True) if term.name == name)
+
     def current(self, terms: Iterable[Term]) -> tuple[Term, ...]:
         """Terms of the same names as these, as they are in this structure."""
         names = {each.name for each in terms}

@@ -59,7 +59,7 @@ def test_a_name_that_is_none_is_refused():
 
 
 def test_what_is_said_of_a_restricted_search():
-    record = {"verdict": "agrees", "where": {"summary": "Nothing is left."}, "remarks": []}
+    record = {"verdict": "agrees", "where": {"summary": "Nothing is left."}, "parameters": {}, "remarks": []}
     assert bounded(record, [], "") == record
     assert limits_of(record) == ""
     said = bounded(record, ["contact", "sensor"], "fitting")
