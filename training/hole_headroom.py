@@ -100,13 +100,13 @@ def entries(policies: Sequence[str]) -> dict[str, Callable[[], list[Controller]]
     }
     for control, name in enumerate(PINNED):
         rows[f"oracle, {name} pinned"] = lambda control=control: [HoleOracle(settings=best_pin(control))]
-    for name, paths in alike(policies).items():
+    for name, paths in by_row(policies).items():
         many = f"{len(paths)} seed{'s' if len(paths) > 1 else ''}"
         rows[f"{name}, {many}"] = lambda paths=paths: [learned(each) for each in paths]
     return rows
 
 
-def alike(policies: Sequence[str]) -> dict[str, list[Path]]:
+def by_row(policies: Sequence[str]) -> dict[str, list[Path]]:
     """Policies that were trained alike, each from another seed, by the names of their rows.
 
     Raises:
@@ -133,12 +133,12 @@ def learned(path: Path) -> Controller:
 
 
 def row_of(
-    same: Sequence[Controller], scenario: str, episodes: int, steps: int | None = None
+    alike: Sequence[Controller], scenario: str, episodes: int, steps: int | None = None
 ) -> dict[str, list[float]]:
     """What controllers of one kind did in each hole, in the mean over them and over the noise."""
     made = [
         play(each, scenario, episodes, seed, steps)
-        for each in same
+        for each in alike
         for seed in range(1 if sees_truth(each) else NOISES)
     ]
     return {name: np.mean([each[name] for each in made], axis=0).tolist() for name in made[0]}

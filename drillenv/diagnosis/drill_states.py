@@ -82,8 +82,9 @@ def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, o
     close = block.weight <= JOINED and 2.0 * cost < CLOSE * block.samples
     model = block.structure.model(shared * block.widths, block.point)
     with_friction = model.bends(GUIDE) or model.bends(INDENTER)
-    if close and with_friction:
-        own = better_by_rollout(block, shared, own, cost)
+    rolled_out = better_by_rollout(block, shared, own, cost) if close and with_friction else own
+    if rolled_out is not own:
+        own = rolled_out
         cost, costs = block.costs(shared, own)
     mistaken = close and with_friction and abs(own[block.windows * block.state_count(own)]) > IMPROBABLE
     if mistaken or outlying:
@@ -100,7 +101,7 @@ def better_by_rollout(block: ShootingProblem, shared: Floats, own: Floats, cost:
     Friction that holds a mass in one window and not in the next parts valleys that no step goes between.
     """
     begun = estimate_states(block, shared, block.rollout(shared, own))
-    return begun if block.cost(shared, begun) < cost - next_to_nothing(cost, block.samples) else own
+    return begun if block.cost(shared, begun) < cost - negligible_gain(cost, block.samples) else own
 
 
 def with_windows_reinitialised(
@@ -196,7 +197,7 @@ def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float,
     for _ in range(steps):
         part = block.quadratic(shared, own, fixed=True) if part is None else part
         move = -cho_solve(factor(part, damping), part.by_own, check_finite=False)
-        if -0.5 * float(part.by_own @ move) < next_to_nothing(cost, samples):
+        if -0.5 * float(part.by_own @ move) < negligible_gain(cost, samples):
             break
         after, at = line_search(block, shared, own, move, cost)
         if after < cost:
@@ -206,6 +207,6 @@ def fit_states(block: ShootingProblem, shared: Floats, own: Floats, cost: float,
     return cost, own
 
 
-def next_to_nothing(cost: float, samples: int) -> float:
+def negligible_gain(cost: float, samples: int) -> float:
     """Log-likelihood below which a gain is none, beside what a recording of so many samples has left."""
     return max(0.5, 1e-3 * (cost - 0.5 * samples))

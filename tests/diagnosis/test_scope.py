@@ -143,19 +143,19 @@ def test_an_interruption_keeps_what_whole_recordings_have_told(monkeypatch, more
 
 
 @dataclass
-class Model:
-    """As much of a fit as is looked at."""
-
-    per_freedom: float
-    structure: Any = field(default_factory=lambda: Made())
-
-
-@dataclass
 class Made:
     """As much of a campaign, or of a model's structure, as is looked at."""
 
     recordings: tuple = ()
     scope: Any = None
+
+
+@dataclass
+class Model:
+    """As much of a fit as is looked at."""
+
+    per_freedom: float
+    structure: Any = field(default_factory=Made)
 
 
 def test_a_search_ends_in_time_once_something_is_known():

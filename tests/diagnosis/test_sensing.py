@@ -260,7 +260,7 @@ def test_free_responses_do_so_at_other_rates(rate):
 
 @pytest.mark.parametrize("f_a", [2500.0, 3400.0, 5200.0, 7000.0])
 @pytest.mark.parametrize(("zeta_a", "least"), [(0.01, 0.3), (0.03, 0.7), (0.05, 0.85)])
-def test_the_less_damped_a_ring_is_the_less_of_it_is_explained(f_a, zeta_a, least):
+def test_how_much_of_a_ring_a_free_response_explains(f_a, zeta_a, least):
     change = change_by("accelerometer-resonance", f_a=f_a, zeta_a=zeta_a)
     assert explained(families()[ACCELEROMETER], change) > least
 

@@ -218,7 +218,7 @@ def test_the_table_of_a_record():
 
 
 def test_policies_are_rows_by_their_names(tmp_path, capsys):
-    found = hole_headroom.alike(["made/ppo-0", "made/ppo-1", "plain-ppo-12.zip"])
+    found = hole_headroom.by_row(["made/ppo-0", "made/ppo-1", "plain-ppo-12.zip"])
     assert {row: [each.name for each in paths] for row, paths in found.items()} == {
         "ppo": ["ppo-0", "ppo-1"],
         "plain-ppo": ["plain-ppo-12.zip"],
