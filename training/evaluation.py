@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecFrameStack
 
 from drillenv.checks import InputError
 from drillenv.controllers.hole.learned import HoleLearned, HolePolicy
@@ -101,13 +100,17 @@ class Played:
     def reset(self, seed: int | None = None) -> None:
         """Forget the episodes so far."""
         self._seen: np.ndarray | None = None
+        self._memory: Any = None
 
     def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
         """(n, actions) without chance, for observations (n, ...)."""
+        begins = np.full(len(observation), self._seen is None)
         if self._seen is None:
             self._seen = np.zeros((self._stack, *observation.shape), dtype=np.float32)
         self._seen = np.concatenate([self._seen[1:], observation[None]])
-        return self._model.predict(np.concatenate(list(self._seen), axis=-1), deterministic=True)[0]
+        seen = np.concatenate(list(self._seen), axis=-1)
+        actions, self._memory = self._model.predict(seen, self._memory, begins, deterministic=True)
+        return actions
 
 
 def evaluation_of_model(model: Any, recipe: Recipe, threads: int | None) -> Evaluation:
@@ -117,15 +120,14 @@ def evaluation_of_model(model: Any, recipe: Recipe, threads: int | None) -> Eval
     scenario = scenario_of(recipe)
     fixed: Mapping[str, Any] = {} if scenario is None else {"scenario": scenario}
     rigs = rigs_of(recipe, recipe.episodes, threads, info_keys=["cost"], **fixed)
-    stacked = VecFrameStack(rigs, recipe.stack)
+    controller = Played(model, recipe.stack)
     rigs.seed(0 if scenario else FIRST_SEED)
     if scenario:
         rigs.set_options([{"episode": i} for i in range(recipe.episodes)])
-    observations = stacked.reset()
+    observations = np.asarray(rigs.reset())
     earned, cost, steps, done = 0.0, 0.0, 0, False
     while not done:
-        actions, _ = model.predict(observations, deterministic=True)
-        observations, rewards, dones, infos = stacked.step(actions)
+        observations, rewards, dones, infos = rigs.step(controller.act(np.asarray(observations), {}))
         earned, steps, done = earned + float(np.mean(rewards)), steps + 1, bool(dones[0])
         cost += float(np.mean([info["cost"] for info in infos]))
     rigs.close()

@@ -17,7 +17,7 @@ from drillenv.controllers.hole import learned as hole
 from drillenv.controllers.hole.learned import HolePolicy
 from drillenv.controllers.policies import ACTIONS, DESCRIPTION, DIRECT, NAMES, Policy, read_policy, write_policy
 from drillenv.controllers.policies.stable_baselines import PER_LAYER
-from drillenv.training.recipe import OFF_POLICY, WITH_CRITIC, Recipe, read_recipe, renamed
+from drillenv.training.recipe import OFF_POLICY, RECURRENT, WITH_CRITIC, Recipe, read_recipe, renamed
 from drillenv.training.scaling import CENTRE, WIDTH
 
 FORMAT, FORMER_FORMAT = "drillenv-training/2", "drillenv-training/1"
@@ -45,7 +45,7 @@ def controller_weights(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> 
 def weights_of(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str, np.ndarray]:
     """What the policy needs of all parameters of a model, by the names that a Policy has for them."""
     found = {}
-    if recipe.algo == "recurrent-ppo":
+    if recipe.algo == RECURRENT:
         found["lstm.weight_input"] = parameters["lstm_actor.weight_ih_l0"]
         found["lstm.weight_hidden"] = parameters["lstm_actor.weight_hh_l0"]
         found["lstm.bias"] = parameters["lstm_actor.bias_ih_l0"] + parameters["lstm_actor.bias_hh_l0"]
@@ -81,7 +81,7 @@ def policy_of(
         centre=CENTRE if recipe.prepared else np.zeros(len(NAMES), dtype=np.float32),
         width=WIDTH if recipe.prepared else np.ones(len(NAMES), dtype=np.float32),
         layers=recipe.layers,
-        lstm=recipe.lstm if recipe.algo == "recurrent-ppo" else 0,
+        lstm=recipe.lstm if recipe.algo == RECURRENT else 0,
         activation=recipe.activation,
         stack=recipe.stack,
         environment=recipe.env,

@@ -18,7 +18,7 @@ from drillenv.training import believing
 from drillenv.training.believing import Believing
 from drillenv.training.branches import BranchedPPO, Branches
 from drillenv.training.lagrangian import Priced
-from drillenv.training.recipe import OFF_POLICY, START, Recipe
+from drillenv.training.recipe import OFF_POLICY, RECURRENT, START, Recipe
 from drillenv.training.sb3 import DrillVecEnv
 from drillenv.training.scaling import CENTRE, Scaled
 
@@ -106,8 +106,7 @@ class Learner:
             "seed": recipe.seed,
             "device": "cpu",
         }
-        if recipe.algo == "recurrent-ppo":
-            policy["lstm_hidden_size"] = recipe.lstm
+        if recipe.algo == RECURRENT:
             return RecurrentPPO("MlpLstmPolicy", self.stacked, policy_kwargs=policy, **common)
         if recipe.ahead:
             branches = Branches(self.stacked, self.rigs, recipe.ahead, recipe.seed)
@@ -170,7 +169,8 @@ def rigs_of(recipe: Recipe, number: int, threads: int | None = None, **arguments
 
 def network(recipe: Recipe) -> dict[str, Any]:
     """The network of a recipe as Stable-Baselines3 takes it."""
-    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation]}
+    memory = {"lstm_hidden_size": recipe.lstm} if recipe.algo == RECURRENT else {}
+    return {"net_arch": list(recipe.layers), "activation_fn": ACTIVATIONS[recipe.activation], **memory}
 
 
 def _training_price(recipe: Recipe) -> dict[str, Any]:
@@ -197,7 +197,7 @@ def _plain(recipe: Recipe, rigs: VecFrameStack) -> Any:
         "seed": recipe.seed,
         "device": "cpu",
     }
-    kind: Callable[..., Any] = {"sac": SAC, "td3": TD3}.get(recipe.algo, PPO)
+    kind: Callable[..., Any] = {"sac": SAC, "td3": TD3, RECURRENT: RecurrentPPO}.get(recipe.algo, PPO)
     if recipe.algo not in OFF_POLICY:
         common |= {"n_steps": recipe.rollout, "n_epochs": recipe.epochs}
         common |= {"gae_lambda": recipe.gae_lambda, "clip_range": recipe.clip}
@@ -208,7 +208,7 @@ def _plain(recipe: Recipe, rigs: VecFrameStack) -> Any:
         if name in common or name in SET_HERE:
             raise InputError(f"algo_kwargs has {name}, which other options set: leave it out")
     try:
-        return kind("MlpPolicy", rigs, **common, **recipe.algo_kwargs)
+        return kind("MlpLstmPolicy" if recipe.algo == RECURRENT else "MlpPolicy", rigs, **common, **recipe.algo_kwargs)
     except (TypeError, ValueError, AssertionError) as error:
         raise InputError(
             f"algo_kwargs do not fit {recipe.algo} ({shown(str(error))}): give what its class in the library takes"

@@ -12,12 +12,13 @@ from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
 from drillenv.env.registration import BUDGETS, HOLE_IDS, IDS
 
+RECURRENT = "recurrent-ppo"
 ALGORITHMS: Mapping[str, str] = MappingProxyType(
     {
         "ppo-vine": "PPO whose advantages are measured on copies of the rigs",
         "ppo": "PPO with a critic",
         "ppo-lagrangian": "PPO with a critic, on a budget of force above the rating",
-        "recurrent-ppo": "PPO with a critic and an LSTM",
+        RECURRENT: "PPO with a critic and an LSTM",
         "sac": "SAC",
         "td3": "TD3",
     }
@@ -26,10 +27,12 @@ ALGORITHMS: Mapping[str, str] = MappingProxyType(
 LAGRANGIAN = "ppo-lagrangian"
 WITH_CRITIC = ("ppo", LAGRANGIAN)
 """On rigs as they are, or on prepared ones."""
-PREPARED = ("ppo-vine", "recurrent-ppo")
-"""Always on prepared rigs: scaled readings, pressure over amplitude as output, noise that is annealed."""
+PREPARED = ("ppo-vine", RECURRENT)
+"""Always on prepared rigs, holes apart: scaled readings, pressure over amplitude as output, noise that is annealed."""
 OFF_POLICY = ("sac", "td3")
 """They have a buffer of all that they saw, which is too large for checkpoints: no resume."""
+HOLE_ALGORITHMS = ("ppo", RECURRENT, *OFF_POLICY)
+"""Those that learn to drill a hole: ppo on prepared rigs or as they are, the others on rigs as they are."""
 START = (116.5, 0.45, 0.9)
 """Hz, V and bar that an untrained policy on prepared rigs asks for: a careful setting that gives single blows on most
 rocks."""
@@ -87,7 +90,7 @@ PLAIN_PPO: Mapping[str, Any] = MappingProxyType(
 OTHERWISE: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "ppo-vine": {},
-        "recurrent-ppo": {**CRITIC, "stack": 1, "batch": 512},
+        RECURRENT: {**CRITIC, "stack": 1, "batch": 512},
         **dict.fromkeys(WITH_CRITIC, PLAIN_PPO),
         "sac": {**PLAIN, "envs": 1, "learning_rate": 3e-4, "layers": (256, 256), "activation": "relu"},
         "td3": {**PLAIN, "envs": 1, "learning_rate": 1e-3, "layers": (400, 300), "activation": "relu"},
@@ -111,8 +114,8 @@ HOLE: Mapping[str, Any] = MappingProxyType(
     }
 )
 """What is otherwise where a hole is drilled by ppo on rigs that are prepared, in a way of their own."""
-HOLE_ALGORITHMS = ("ppo", *OFF_POLICY)
-"""Those that learn to drill a hole: ppo on prepared rigs or as they are, the others on rigs as they are."""
+PLAIN_RECURRENT: Mapping[str, Any] = MappingProxyType({**PLAIN_PPO, "rollout": 128, "batch": 128, "lstm": 256})
+"""What is otherwise where recurrent-ppo drills a hole: the numbers of sb3-contrib itself, on eight rigs."""
 
 
 def option(default: Any, text: str) -> Any:
@@ -221,7 +224,8 @@ class Recipe:
             raise InputError(f"ahead is {self.ahead}, but only ppo-vine measures on copies: leave it out, or give 0")
         if not self.ahead and self.algo == "ppo-vine":
             raise InputError("ahead is 0, which is a critic: give ppo --prepared for that, or 1 and more for ppo-vine")
-        if self.algo in (OFF_POLICY if self.prepared else PREPARED):
+        either = ("ppo",) if self.hole else WITH_CRITIC
+        if self.algo not in either and self.prepared != (self.algo in PREPARED and not self.hole):
             state = "prepared" if self.prepared else "not prepared"
             raise InputError(f"algo is {self.algo} and the rigs are {state}: leave prepared out with it")
         if self.believing and (self.stack, self.activation) != (1, "tanh"):
@@ -277,6 +281,8 @@ def usual(algo: str, prepared: bool | None = None, hole: bool = False) -> dict[s
     """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
     if hole and algo == "ppo" and prepared is not False:
         return {**USUAL, **HOLE}
+    if hole and algo == RECURRENT:
+        return {**USUAL, **PLAIN_RECURRENT}
     return {**USUAL, **(CRITIC if algo in WITH_CRITIC and prepared is True else OTHERWISE[algo])}
 
 

@@ -2,9 +2,9 @@
 
 Such a file holds the parameters as tensors and the rest as JSON in which some values are pickled. Read are the tensors,
 by a loader that makes tensors only, and what the JSON says in plain text: nothing in the file is run. That is enough
-for the MlpPolicy of PPO, A2C, SAC and TD3 on the readings of the environments (15, of a hole 20), or several of them
-side by side as VecFrameStack puts them, with absolute actions. What a VecNormalize kept is in another file, pickled,
-and is not read.
+for the MlpPolicy of PPO, A2C, SAC and TD3 and the MlpLstmPolicy of sb3-contrib's RecurrentPPO, on the readings of the
+environments (15, of a hole 20), or several of them side by side as VecFrameStack puts them, with absolute actions. What
+a VecNormalize kept is in another file, pickled, and is not read.
 
 :class:`Unpickled` is for all else, where one asks for it: it lets Stable-Baselines3 load the file, which runs what is
 pickled in it.
@@ -35,13 +35,15 @@ HOLE_CONTROLS = 4
 """Numbers of an action on a hole: those of the other environments, and the change of the bit."""
 PER_LAYER = 2
 """Stable-Baselines3 numbers its modules: a linear one and its activation for each layer."""
-SUPPORTED = "an MlpPolicy of PPO, A2C, SAC or TD3"
+SUPPORTED = "an MlpPolicy of PPO, A2C, SAC or TD3, or an MlpLstmPolicy of RecurrentPPO"
 ACTIVATIONS = {"torch.nn.modules.activation.Tanh": "tanh", "torch.nn.modules.activation.ReLU": "relu"}
 HARMLESS = {
     "activation_fn", "clip_mean", "full_std", "log_std_init", "n_critics", "net_arch", "normalize_images",
     "optimizer_class", "optimizer_kwargs", "ortho_init", "share_features_extractor", "use_expln", "use_sde",
 }  # fmt: skip
 """Keys of policy_kwargs that do not change what the layers are given or give."""
+OF_LSTM = {"enable_critic_lstm", "lstm_hidden_size", "n_lstm_layers", "shared_lstm"}
+"""The same of a policy with an LSTM, whose tensors show the rest."""
 
 
 def read_model(file: str | Path, environment: str = "drillenv/DrillLayers-v0") -> Policy:
@@ -76,21 +78,24 @@ def policy_of(data: Mapping[str, Any], tensors: Mapping[str, np.ndarray], enviro
     """
     readings, controls = (len(HOLE_READINGS), HOLE_CONTROLS) if environment in HOLE_IDS else (len(NAMES), len(DIRECT))
     algorithm, layers, head, squash = _kind(data)
-    _check_plain(data, controls)
+    recurrent = algorithm == "recurrent-ppo"
+    _check_plain(data, controls, HARMLESS | OF_LSTM if recurrent else HARMLESS)
     stack = _stack(data, readings)
-    weights = _layers(tensors, layers, head, stack * readings, controls)
-    units = tuple(len(weights[f"layer{i}.bias"]) for i in range(len(weights) // 2 - 1))
+    memory = _lstm(tensors, stack * readings) if recurrent else {}
+    lstm = memory["lstm.weight_hidden"].shape[1] if recurrent else 0
+    network = _layers(tensors, layers, head, lstm or stack * readings, controls)
+    units = tuple(len(network[f"layer{i}.bias"]) for i in range(len(network) // 2 - 1))
     provenance: dict[str, str | float] = {"algorithm": algorithm, "library": "stable-baselines3"}
     for name, key in (("seed", "seed"), ("steps", "num_timesteps")):
         if isinstance(data.get(key), int):
             provenance[name] = data[key]
     return Policy(
-        weights=weights,
+        weights=memory | network,
         centre=np.zeros(readings, dtype=np.float32),
         width=np.ones(readings, dtype=np.float32),
         layers=units,
-        lstm=0,
-        activation=_activation(data, "tanh" if algorithm in ("ppo", "a2c") else "relu"),
+        lstm=lstm,
+        activation=_activation(data, "relu" if algorithm in ("sac", "td3") else "tanh"),
         stack=stack,
         environment=environment,
         provenance=provenance,
@@ -154,6 +159,8 @@ def _kind(data: Mapping[str, Any]) -> tuple[str, str, str, str]:
     if module == "stable_baselines3.common.policies":
         algorithm = "ppo" if "clip_range" in data else "a2c"
         return algorithm, "mlp_extractor.policy_net", "action_net", "clip"
+    if module == "sb3_contrib.common.recurrent.policies":
+        return "recurrent-ppo", "mlp_extractor.policy_net", "action_net", "clip"
     if module == "stable_baselines3.sac.policies":
         return "sac", "actor.latent_pi", "actor.mu", "tanh"
     if module == "stable_baselines3.td3.policies":
@@ -161,14 +168,14 @@ def _kind(data: Mapping[str, Any]) -> tuple[str, str, str, str]:
     raise InputError(f"its policy is of {shown(module)}: give {SUPPORTED}")
 
 
-def _check_plain(data: Mapping[str, Any], controls: int) -> None:
+def _check_plain(data: Mapping[str, Any], controls: int, harmless: set[str]) -> None:
     """See that nothing stands between readings, layers and actions that the file does not state in plain text."""
     if data.get("use_sde"):
         raise InputError("it was trained with use_sde: give a model without it")
     given = data.get("policy_kwargs")
     keys = set(given) - {":type:", ":serialized:"} if isinstance(given, Mapping) else {shown(given)}
-    if keys - HARMLESS:
-        raise InputError(f"its policy_kwargs have {', '.join(sorted(keys - HARMLESS))}: give {SUPPORTED}")
+    if keys - harmless:
+        raise InputError(f"its policy_kwargs have {', '.join(sorted(keys - harmless))}: give {SUPPORTED}")
     actions = data.get("action_space")
     if not isinstance(actions, Mapping) or actions.get("_shape") != [controls] or _ends(actions) != ({-1.0}, {1.0}):
         raise InputError(
@@ -207,6 +214,22 @@ def _activation(data: Mapping[str, Any], usual: str) -> str:
     if found is None:
         raise InputError(f"its activation is {shown(said)}: give a model with {', '.join(ACTIVATIONS)}")
     return found
+
+
+def _lstm(tensors: Mapping[str, np.ndarray], inputs: int) -> dict[str, np.ndarray]:
+    """The weights of the LSTM before the layers of the policy, by the names that a Policy has for them."""
+    parts = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+    found = [tensors.get(f"lstm_actor.{part}_l0") for part in parts]
+    if "lstm_actor.weight_ih_l1" in tensors or any(each is None for each in found):
+        raise InputError("it has not exactly one layer of LSTM: give one of n_lstm_layers=1")
+    into, hidden, *biases = (np.asarray(each) for each in found)
+    units = hidden.shape[-1]
+    shapes = [(4 * units, inputs), (4 * units, units), (4 * units,), (4 * units,)]
+    if [each.shape for each in (into, hidden, *biases)] != shapes or not 1 <= units <= MOST_UNITS:
+        raise InputError(f"its LSTM does not follow on {inputs} numbers, or has over {MOST_UNITS} units: train another")
+    if not all(np.isfinite(each).all() for each in (into, hidden, *biases)):
+        raise InputError("its LSTM has numbers that are not finite: train it again")
+    return {"lstm.weight_input": into, "lstm.weight_hidden": hidden, "lstm.bias": biases[0] + biases[1]}
 
 
 def _layers(

@@ -39,13 +39,16 @@ from numba import njit
 PLACES = 22
 PARAMETERS = 8
 
+KERNEL = {"cache": True, "_nrt": False}
+"""Options of Numba for functions that make no array: counting references to those handed over takes half of a run."""
+
 REFERENCE_DEPTH = 1e-4
 """m: where a power law has the force of the straight one."""
 GRIP = 1
 """Code of friction that holds a mass fast (set-valued Coulomb friction), in GUIDE and INDENTER."""
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def power_depth(code: int, p: np.ndarray, depth: float, loading: bool) -> float:
     """Depth in m that the rock's stiffness acts on, for rock whose force is no straight line of the depth."""
     if code == 0 or depth <= 0.0:
@@ -61,7 +64,7 @@ def power_depth(code: int, p: np.ndarray, depth: float, loading: bool) -> float:
     return depth + (p[0] - 1.0) * max(depth - p[1], 0.0)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def toe_depth(code: int, p: np.ndarray, depth: float, loading: bool, softer: float) -> float:
     """Depth in m that is left for solid rock behind a soft layer. ``softer`` is k_l / k_u."""
     if code == 0 or depth <= 0.0:
@@ -82,14 +85,14 @@ def toe_depth(code: int, p: np.ndarray, depth: float, loading: bool, softer: flo
     return depth * depth / (2.0 * h) if depth < h else depth - 0.5 * h
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def elastic_depth(codes: np.ndarray, p: np.ndarray, depth: float, loading: bool, softer: float) -> float:
     """Depth that the stiffness acts on: the soft layer first, then the power law."""
     solid = toe_depth(codes[TOE], p[TOE], depth, loading, softer)
     return power_depth(codes[POWER], p[POWER], solid, loading)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def depth_of(codes: np.ndarray, p: np.ndarray, wanted: float, loading: bool, softer: float) -> float:
     """The depth at which :func:`elastic_depth` is ``wanted``, by bisection."""
     if codes[TOE] == 0 and codes[POWER] == 0:
@@ -108,7 +111,7 @@ def depth_of(codes: np.ndarray, p: np.ndarray, wanted: float, loading: bool, sof
     return 0.5 * (low + high)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def rate_force(code: int, p: np.ndarray, elastic: float, depth: float, into: float) -> float:
     """Force in N that the rock adds at a speed ``into`` it in m/s, beside its ``elastic`` force in N."""
     if code == 0 or depth <= 0.0:
@@ -125,7 +128,7 @@ def rate_force(code: int, p: np.ndarray, elastic: float, depth: float, into: flo
     return elastic * p[0] * math.copysign(math.log1p(abs(into) / p[1]), into)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def compaction_factor(code: int, p: np.ndarray, impacts: float, advance: float) -> float:
     """Factor on the rock's stiffness after so many impacts, and so many metres, on a fresh face."""
     if code == 0:
@@ -140,7 +143,7 @@ def compaction_factor(code: int, p: np.ndarray, impacts: float, advance: float) 
     return 1.0 - p[0] * max(1.0 - impacts / p[1], 0.0)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def spring_force(code: int, p: np.ndarray, s: float) -> float:
     """Force in N that the coupling's spring adds at a shortening ``s`` in m."""
     if code == 0:
@@ -153,14 +156,14 @@ def spring_force(code: int, p: np.ndarray, s: float) -> float:
     return p[0] * max(s - p[1], 0.0)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def spring_saturation(code: int, p: np.ndarray, s: float) -> float:
     """Force in N that a saturating spring lacks: beyond p[1] m from p[0] m its force bends over within p[1]."""
     off = s - p[0]
     return p[2] * (p[1] * math.tanh(off / p[1]) - off)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def backlash_force(code: int, p: np.ndarray, s: float, k: float) -> float:
     """Force in N that play adds; it begins at p[1] m of shortening and is p[0] m wide."""
     if code == 0:
@@ -178,7 +181,7 @@ def backlash_force(code: int, p: np.ndarray, s: float, k: float) -> float:
     return -k * (1.0 - p[2]) * min(max(beyond, 0.0), p[0])
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def damper_force(code: int, p: np.ndarray, v: float) -> float:
     """Force in N that the coupling's damper adds at a closing speed ``v`` in m/s."""
     if code == 0:
@@ -193,7 +196,7 @@ def damper_force(code: int, p: np.ndarray, v: float) -> float:
     return p[0] * math.tanh(v / p[1])
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def sliding_force(code: int, p: np.ndarray, v: float) -> float:
     """Steady friction in N at a sliding speed ``v`` in m/s, against the motion where positive."""
     if code == 0:
@@ -211,7 +214,7 @@ def sliding_force(code: int, p: np.ndarray, v: float) -> float:
     return (p[0] + (p[1] - p[0]) * math.exp(-((v / p[2]) ** 2))) * sign
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def viscous_force(code: int, p: np.ndarray, v: float) -> float:
     """Force in N against the speed ``v`` in m/s of a single body, from a lubricant or a fluid."""
     if code == 0:
@@ -224,7 +227,7 @@ def viscous_force(code: int, p: np.ndarray, v: float) -> float:
     return p[0] * p[1] * math.asinh(v / p[1])
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def bristle_force(code: int, p: np.ndarray, v: float, z: float) -> tuple[float, float]:
     """Friction in N of bristles bent by ``z`` m, and how fast they bend in m/s (Dahl, LuGre)."""
     level = p[0] if code == 4 else p[0] + (p[1] - p[0]) * math.exp(-((v / p[2]) ** 2))
@@ -232,7 +235,7 @@ def bristle_force(code: int, p: np.ndarray, v: float, z: float) -> tuple[float, 
     return p[3] * z + p[4] * rate, rate
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def harmonic_share(code: int, p: np.ndarray, theta: float) -> float:
     """What the drive adds at the phase ``theta``, as a share of its amplitude."""
     if code == 0:
@@ -248,7 +251,7 @@ def harmonic_share(code: int, p: np.ndarray, theta: float) -> float:
     return math.copysign(max(abs(wave) - p[0], 0.0), wave) / (1.0 - p[0]) - wave
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def droop_gain(code: int, p: np.ndarray, frequency: float) -> tuple[float, float]:
     """Gain of the drive at ``frequency`` in Hz, and its phase in rad."""
     if code == 0:
@@ -267,7 +270,7 @@ def droop_gain(code: int, p: np.ndarray, frequency: float) -> tuple[float, float
     return 1.0 / math.sqrt(real * real + imaginary * imaginary), -math.atan2(imaginary, real)
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def limited(code: int, p: np.ndarray, force: float) -> float:
     """The drive's force in N where ``force`` is asked for. A limit of its slope is a state of the rig's."""
     if code == 1:  # clipped
@@ -279,7 +282,7 @@ def limited(code: int, p: np.ndarray, force: float) -> float:
     return force
 
 
-@njit(cache=True)
+@njit(**KERNEL)
 def air_force(code: int, p: np.ndarray, x: float, y: float, static: float, v1: float) -> tuple[float, float, float]:
     """Force in N that the cylinder lacks, and the rates of its states ``x`` and ``y``.
 

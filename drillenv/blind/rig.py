@@ -224,7 +224,7 @@ def resting_shortening(constants: Constants, static: float, physics: Physics) ->
     return 0.5 * (low + high)
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _spring(codes, p, k, s):
     """Force in N of the whole spring at the shortening ``s``."""
     force = k * s + laws.spring_force(codes[SPRING], p[SPRING], s)
@@ -234,7 +234,7 @@ def _spring(codes, p, k, s):
     return force
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _drive(given, physics, t, slewed):
     """Phase of the excitation, the drive's force in N, and what is asked of a drive whose slope is limited."""
     codes, p = physics.codes, physics.parameters
@@ -250,7 +250,7 @@ def _drive(given, physics, t, slewed):
     return theta, laws.limited(codes[LIMIT], p[LIMIT], asked), asked
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _outside_forces(given, physics, t):
     """Forces in N of floor, machines and loose parts on shaker body and indenter."""
     codes, p = physics.codes, physics.parameters
@@ -272,7 +272,7 @@ def _outside_forces(given, physics, t):
     return on_shaker, on_indenter
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _rock(given, physics, state, regime, origins, factor):
     """Depth, speed into the face, the rock's force, and the force that the paper's straight law would have."""
     codes, p = physics.codes, physics.parameters
@@ -289,7 +289,7 @@ def _rock(given, physics, state, regime, origins, factor):
     return depth, into, force, max(k * depth, 0.0)
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _friction(code, p, v, slide, bent):
     """Friction in N against the motion, and how fast its bristles bend."""
     if code == 0:
@@ -301,7 +301,7 @@ def _friction(code, p, v, slide, bent):
     return laws.bristle_force(code, p, v, bent)
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _mount(physics, state, rock, rates):
     """Motion of the rock's face on its mount."""
     code, p = physics.codes[MOUNT], physics.parameters[MOUNT]
@@ -324,7 +324,7 @@ def _mount(physics, state, rock, rates):
         rates[W] = (rock - spring - p[3] * math.tanh(w / 1e-3)) / p[1]
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _rates(given, physics, t, state, regime, origins, factor, slides, rates, row):
     """Time derivatives of the state, and into ``row`` what a sample shows; returns the forces on masses that stick."""
     codes, p = physics.codes, physics.parameters
@@ -370,7 +370,7 @@ def _rates(given, physics, t, state, regime, origins, factor, slides, rates, row
     return push1, push2
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _step(given, physics, t, h, state, regime, origins, factor, slides, work, row, ahead):
     """One step of the classical Runge-Kutta method, from ``state`` into ``ahead``."""
     _rates(given, physics, t, state, regime, origins, factor, slides, work[0], row)
@@ -387,7 +387,7 @@ def _step(given, physics, t, h, state, regime, origins, factor, slides, work, ro
         ahead[i] = state[i] + h / 6.0 * (work[0, i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i])
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _crossed(given, physics, state, regime, origins, factor, slides):
     """Whether the state has gone past a switch of the contact or of gripping friction."""
     codes, p = physics.codes, physics.parameters
@@ -410,7 +410,7 @@ def _crossed(given, physics, state, regime, origins, factor, slides):
     return bool(codes[INDENTER] == GRIP and state[V2] * slides[1] < 0.0)
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _turned(given, physics, state, regime, origins):
     """Move the place where the other way begins so that the force is the same on it."""
     softer = given.kl / given.ku
@@ -422,7 +422,7 @@ def _turned(given, physics, state, regime, origins):
     origins[1 if loading else 0] = place - other
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _switch(given, physics, t, state, contact, origins, slides, work, row):
     """Carry out what :func:`_crossed` found. ``contact``: regime, stiffness factor, impacts, contacts, chipped."""
     codes, p = physics.codes, physics.parameters
@@ -458,7 +458,7 @@ def _switch(given, physics, t, state, contact, origins, slides, work, row):
     _let_go(given, physics, t, state, contact, origins, slides, work, row)
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _let_go(given, physics, t, state, contact, origins, slides, work, row):
     """Masses held by dry friction slide once they are pushed harder than it holds."""
     codes, p = physics.codes, physics.parameters
@@ -470,7 +470,7 @@ def _let_go(given, physics, t, state, contact, origins, slides, work, row):
             slides[i] = 1.0 if pushes[i] > 0.0 else -1.0
 
 
-@njit(cache=True)
+@njit(**laws.KERNEL)
 def _chip(physics, state, contact, origins, row):
     """Once a contact, beyond a force of p[1] N, a chip of p[2] m may break out of the rock."""
     p = physics.parameters[CHIPS]

@@ -66,6 +66,39 @@ def test_acts_as_the_original(saved, name, tmp_path):
     assert read_policy(tmp_path / "policy").as_record() == read.as_record()
 
 
+def recurrent_model(policy):
+    """Of sb3-contrib, untrained, for one rock an episode."""
+    env = gym.make("drillenv/Drill-v0")
+    return RecurrentPPO("MlpLstmPolicy", env, n_steps=8, batch_size=8, seed=3, device="cpu", policy_kwargs=policy)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_recurrent_model_remembers_as_the_original(shared, tmp_path):
+    model = recurrent_model({"lstm_hidden_size": 24, "shared_lstm": shared, "enable_critic_lstm": not shared})
+    with torch.no_grad():
+        model.policy.action_net.weight.mul_(30.0)
+    model.save(tmp_path / "model.zip")
+    read = read_model(tmp_path / "model.zip")
+    assert (read.provenance["algorithm"], read.lstm) == ("recurrent-ppo", 24)
+    write_policy(tmp_path / "policy", read)
+    drivers = [controllers.make("learned", policy=tmp_path / name) for name in ("model.zip", "policy")]
+    drivers.append(Unpickled(tmp_path / "model.zip"))
+    space = gym.make("drillenv/Drill-v0").observation_space
+    space.seed(0)
+    for _episode in range(2):
+        memory, begins = None, np.ones(1, dtype=bool)
+        for driver in drivers:
+            driver.reset()
+        for _ in range(20):
+            seen = space.sample()
+            expected, memory = model.predict(seen, memory, begins, deterministic=True)
+            begins[:] = False
+            for driver in drivers:
+                np.testing.assert_allclose(driver.act(seen, {}), expected, rtol=0, atol=1e-4)
+    one = drivers[0].act(seen, {})
+    assert not np.allclose(drivers[0].act(seen, {}), one, atol=1e-6)
+
+
 def test_observations_side_by_side(tmp_path):
     envs = VecFrameStack(DrillVecEnv("drillenv/Drill-v0", 1, threads=1), 3)
     model = PPO("MlpPolicy", envs, n_steps=16, batch_size=16, device="cpu", seed=1)
@@ -143,14 +176,10 @@ def test_what_is_not_supported(saved, tmp_path):
         ({"observation_space": {"_shape": [30]}}, "does not follow on 30 numbers"),
     ):
         assert said in refused(changed(file, odd, data=data))
-    recurrent = RecurrentPPO("MlpLstmPolicy", gym.make("drillenv/Drill-v0"), n_steps=8, batch_size=8, device="cpu")
-    recurrent.save(tmp_path / "recurrent.zip")
-    assert "sb3_contrib.common.recurrent.policies" in refused(tmp_path / "recurrent.zip")
-    driver, seen = Unpickled(tmp_path / "recurrent.zip"), np.ones(15, dtype=np.float32)
-    first, second = driver.act(seen, {}), driver.act(seen, {})
-    assert not np.array_equal(first, second)  # it remembers
-    driver.reset()
-    np.testing.assert_array_equal(driver.act(seen, {}), first)
+    recurrent_model({"lstm_hidden_size": 8, "n_lstm_layers": 2}).save(tmp_path / "two.zip")
+    assert "not exactly one layer of LSTM" in refused(tmp_path / "two.zip")
+    recurrent_model({"lstm_hidden_size": 8, "lstm_kwargs": {"bias": False}}).save(tmp_path / "other.zip")
+    assert "its policy_kwargs have lstm_kwargs" in refused(tmp_path / "other.zip")
 
 
 def test_damaged_files(saved, tmp_path):

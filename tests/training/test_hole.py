@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO, SAC
 
 from drillenv import cli
@@ -88,6 +89,7 @@ def test_training_gives_policies_and_what_they_cost(tmp_path, capsys):
     ("algo", "more"),
     [
         ("ppo", {"prepared": False, "stack": 2}),
+        ("recurrent-ppo", {"lstm": 8}),
         ("sac", {"rollout": None, "epochs": None, "algo_kwargs": {"learning_starts": 16, "buffer_size": 1000}}),
     ],
 )
@@ -107,12 +109,13 @@ def test_the_library_s_algorithms_learn_on_holes_as_they_are(algo, more, tmp_pat
     assert (run.seed, run.source) == (3, file)
     played = row_of([run.make()], "validation", 1, steps=12)
     plain = Recipe(**numbers | {"episodes": 1})
-    model = {"ppo": PPO, "sac": SAC}[algo].load(file, device="cpu")
+    model = {"ppo": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC}[algo].load(file, device="cpu")
     assert evaluation_of_model(model, plain, 1).score == pytest.approx(played["cost_per_metre"][0], rel=0.02)
 
 
-def test_a_run_on_holes_goes_on_exactly(tmp_path):
-    recipe = Recipe(**SMALL, evaluate_every=64, seed=7, env_kwargs=HOLE)
+@pytest.mark.parametrize("more", [{}, {"algo": "recurrent-ppo", "lstm": 8}])
+def test_a_run_on_holes_goes_on_exactly(more, tmp_path):
+    recipe = Recipe(**SMALL | more, evaluate_every=64, seed=7, env_kwargs=HOLE)
     train.train(recipe, 96, tmp_path / "whole", threads=1, quiet=True)
     train.train(recipe, 48, tmp_path / "halves", threads=1, quiet=True)
     train.train(recipe, 96, tmp_path / "halves", resume=True, threads=2, quiet=True)
@@ -128,6 +131,8 @@ def test_training_has_a_price_of_its_own_and_the_numbers_of_a_hole():
     assert recipe.timesteps == recipe.anneal == 4_000_000
     # on the environment as it is, those of every run
     assert Recipe(env="drillenv/DrillBit-v0", algo="ppo", prepared=False).timesteps == 500_000
+    plain = Recipe(env="drillenv/DrillBit-v0", algo="recurrent-ppo")
+    assert (plain.prepared, plain.timesteps, plain.lstm, plain.rollout, plain.stack) == (False, 500_000, 256, 128, 1)
     learner = Learner(Recipe(**SMALL), threads=1)
     task = learner.rigs.rigs.task
     assert task.costs.metre == believing.METRE and task.costs.bit == 80.0  # type: ignore[attr-defined]
@@ -154,9 +159,9 @@ def test_holes_without_a_frozen_set_are_drawn_for_the_evaluation(tmp_path):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ([], "which ppo-vine does not learn: give ppo, sac, td3"),
-        (["--algo", "recurrent-ppo"], "which recurrent-ppo does not learn"),
+        ([], "which ppo-vine does not learn: give ppo, recurrent-ppo, sac, td3"),
         (["--algo", "sac", "--prepared"], "algo is sac and the rigs are prepared"),
+        (["--algo", "recurrent-ppo", "--prepared"], "algo is recurrent-ppo and the rigs are prepared"),
         (["--algo", "sac", "--rollout", "8"], "--rollout has no use with sac"),
         (["--algo", "ppo", "--stack", "3"], "stack and activation are those of policies for holes"),
         (["--algo", "ppo", "--activation", "relu"], "stack and activation are those of policies for holes"),
