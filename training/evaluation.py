@@ -124,7 +124,7 @@ def evaluation_of_model(model: Any, recipe: Recipe, threads: int | None) -> Eval
     rigs.seed(0 if scenario else FIRST_SEED)
     if scenario:
         rigs.set_options([{"episode": i} for i in range(recipe.episodes)])
-    observations = np.asarray(rigs.reset())
+    observations = rigs.reset()
     earned, cost, steps, done = 0.0, 0.0, 0, False
     while not done:
         observations, rewards, dones, infos = rigs.step(controller.act(np.asarray(observations), {}))

@@ -7,6 +7,7 @@ ones 0). The catalogue (:mod:`drillenv.blind.mechanisms`) says what the paramete
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -39,7 +40,7 @@ from numba import njit
 PLACES = 22
 PARAMETERS = 8
 
-KERNEL = {"cache": True, "_nrt": False}
+KERNEL: dict[str, Any] = {"cache": True, "_nrt": False}
 """Options of Numba for functions that make no array: counting references to those handed over takes half of a run."""
 
 REFERENCE_DEPTH = 1e-4
