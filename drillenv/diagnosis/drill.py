@@ -207,7 +207,7 @@ class ShootingProblem(RecordingProblem):
         ``own`` as the solver has it; with ``rollout`` states go on from window to window, but for the indenter's.
         """
         data, n, kept = self.data, self.data.force.size * self.over, self.state_count(own)
-        given, states = (varied.columns, kept) if varied is not None else ((), 0)
+        given, states = (varied.columns, varied.present.size) if varied is not None else ((), 0)
         count = states + len(given)
         labelled, axes = self.labelled(own, model), self.structure.axes
         impacts = max(model.impacts * (1.0 + COUNT_LABEL * own[self.windows * kept + 1]), 0.0)
@@ -227,7 +227,7 @@ class ShootingProblem(RecordingProblem):
         columns = columns_of(given, labelled, axes, made, states)
         begin_by = np.zeros((self.windows, count, OWN))
         if varied is not None:
-            begin_by[:, :states, :kept] = varied.by_own.transpose(0, 2, 1)
+            begin_by[:, :states, :kept] = varied.by_own[:, :, varied.present].transpose(0, 2, 1)
             begin_by[:, states:, :kept] = varied.by_column
         windows = Windows(self.starts, begin, begin_by, self.point.rate, data.phase + made.phase,
                           impacts, rollout, self.stride, GRAZING)  # fmt: skip

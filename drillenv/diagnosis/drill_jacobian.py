@@ -43,12 +43,15 @@ def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool =
     wide = np.concatenate([columns_by_locals(block, seen, local_mixing), shared_columns, residual[None]])
     # most parameters of recordings are of others, and change nothing here
     there = wide.any(axis=(1, 2))
-    own_own, own_there = window_products(block, values, raw, kept, wide[there])
+    by_state, by_state_there = window_products(block, values, raw, wide[there])
     flat = wide[there].reshape(int(there.sum()), -1)
-    own_wide, products = np.zeros((len(own_own), len(wide))), np.zeros((len(wide), len(wide)))
-    own_wide[:, there], products[np.ix_(there, there)] = own_there, flat @ flat.T
+    m = block.windows * kept
+    own_own, own_wide, products = np.zeros((m, m)), np.zeros((m, len(wide))), np.zeros((len(wide), len(wide)))
+    present = (kept * np.arange(block.windows)[:, None] + varied.present).ravel()
+    own_own[np.ix_(present, present)] = by_state
+    own_wide[np.ix_(present, there)], products[np.ix_(there, there)] = by_state_there, flat @ flat.T
     e_own, e_shared = defect_columns(block, raw, own.size, varied, mixing, local_mixing)
-    g, m, count = defects.ravel(), block.windows * kept, block.locals
+    g, count = defects.ravel(), block.locals
     off, precision = block.beliefs(own)
     hessian = e_own.T @ e_own
     hessian[:m, :m] += own_own
@@ -106,7 +109,7 @@ def defect_columns(block: ShootingProblem, raw: Raw, own: int, varied: Varied, m
     by_own = np.zeros((pairs, kept, own))
     for i in range(pairs):
         by_own[i, :, (i + 1) * kept : (i + 2) * kept] = varied.by_own[i + 1]
-        by_own[i, :, i * kept : (i + 1) * kept] = -raw.ends_by_state[i, :, :kept].T
+        by_own[i][:, i * kept + varied.present] = -raw.ends_by_state[i, :, :kept].T
     change = varied.by_column[1:] - raw.ends_by_column[:-1, :, :kept]
     first = block.windows * kept
     by_own[:, :, first : first + 2] = np.einsum("wes,ek->wsk", change, local_mixing)
@@ -117,17 +120,17 @@ def defect_columns(block: ShootingProblem, raw: Raw, own: int, varied: Varied, m
     )
 
 
-def window_products(block: ShootingProblem, values: Floats, raw: Raw, kept: int, wide: Floats) -> tuple[Floats, Floats]:
-    """(states, states) and (states, wide) inner products of the columns of windows' states.
+def window_products(block: ShootingProblem, values: Floats, raw: Raw, wide: Floats) -> tuple[Floats, Floats]:
+    """(states, states) and (states, wide) inner products of the columns of windows' states, those of the model alone.
 
     ``wide`` (m, 2, judged) are columns over the whole recording. A window's own columns reach beyond its end as far
     as the sensors and the noise model remember, at most over the next window.
     """
-    w, first = block.windows, block.judged.start
+    w, kept, first = block.windows, len(raw.by_state), block.judged.start
     own_own = np.zeros((w * kept, w * kept))
     own_wide = np.zeros((w * kept, len(wide)))
     low, high = spans(block)
-    parts = window_columns(block, values, raw, kept, low, high)
+    parts = window_columns(block, values, raw, low, high)
     flat = parts.reshape(w, kept, -1)
     within = flat @ flat.transpose(0, 2, 1)
     for i in range(w):
@@ -157,11 +160,11 @@ def spans(block: ShootingProblem) -> tuple[NDArray[np.int64], NDArray[np.int64]]
     return low, high
 
 
-def window_columns(block: ShootingProblem, values: Floats, raw: Raw, kept: int, low: NDArray, high: NDArray) -> Floats:
-    """(windows, kept, 2, longest span) by what the weighed reading changes with each window's states."""
+def window_columns(block: ShootingProblem, values: Floats, raw: Raw, low: NDArray, high: NDArray) -> Floats:
+    """(windows, states, 2, longest span) by what the weighed reading changes with each window's states."""
     over = block.over
     longest = int((high - low).max())
-    parts = np.zeros((block.windows, kept, 2, longest * over))
+    parts = np.zeros((block.windows, len(raw.by_state), 2, longest * over))
     for i, (begin, end) in enumerate(zip(block.starts[:-1], block.starts[1:], strict=True)):
         seen = min(int(end - begin), int(high[i] - low[i] - REACH) * over)
         if seen > 0:
@@ -281,9 +284,9 @@ def variations(block: ShootingProblem, own: Floats, model: Model, given: Sequenc
     rest = model.s[F_B] / model.s[K]
     stiff, damped = spring_slope(y, model, axes), damping_at(closing, model, axes)
     beyond_rest = slope_from_rest(y, model, axes)
-    by_own = np.zeros((block.windows, kept, kept))
-    for i in range(V2, kept):
-        by_own[:, i, i] = 0.0 if i in absent(model) else STATE_WIDTHS[i]
+    by_own, present = np.zeros((block.windows, kept, kept)), np.setdiff1d(np.arange(kept), absent(model))
+    for i in present[V2:]:
+        by_own[:, i, i] = STATE_WIDTHS[i]
     by_own[:, Y, Y] = STATE_WIDTHS[Y] / stiff
     by_own[:, V1, V1] = STATE_WIDTHS[V1] / damped
     by_own[:, V1, V2] = STATE_WIDTHS[V2]
@@ -301,7 +304,7 @@ def variations(block: ShootingProblem, own: Floats, model: Model, given: Sequenc
             by_column[:, j, Y] = -interpolate(change, axes, place, beyond) / stiff
         elif change is not None and place == DAMPER:
             by_column[:, j, V1] = -interpolate(change, axes, place, closing) / damped
-    return Varied(given, by_own, by_column)
+    return Varied(given, by_own, by_column, present)
 
 
 def step_of(term: Term, parameter: int) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.solver import Floats
@@ -56,6 +57,8 @@ class Varied(NamedTuple):
     """(windows, kept, kept) derivatives of the states that windows begin with, by own unknowns."""
     by_column: Floats
     """(windows, columns, kept) the same by columns."""
+    present: NDArray[np.int64]
+    """The own states that the model has, of each window."""
 
 
 class Raw(NamedTuple):
@@ -66,7 +69,7 @@ class Raw(NamedTuple):
     path: Floats
     """(OWN, steps) states along the motion; none where they are not asked for."""
     by_state: Floats
-    """(kept, 2, fine samples) by own unknowns of the same window."""
+    """(states, 2, fine samples) by own unknowns of the same window: by states that the model has."""
     by_column: Floats
     """(columns, 2, fine samples)"""
     begin: Floats
@@ -74,7 +77,7 @@ class Raw(NamedTuple):
     ends: Floats
     """(windows, OWN) states at their ends."""
     ends_by_state: Floats
-    """(windows, kept, OWN)"""
+    """(windows, states, OWN)"""
     ends_by_column: Floats
     """(windows, columns, OWN)"""
     good: bool
