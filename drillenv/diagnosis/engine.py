@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.solver import Floats
-from drillenv.diagnosis.tables import Axes, change_of, table_of
+from drillenv.diagnosis.tables import Axes, changes_of, table_of
 from drillenv.diagnosis.terms import DRIVE_PHASE, SCALARS, Law, Model
 from drillenv.dynamics.constitutive.places import PLACES, RATE_FACTOR, RATE_FORCE, UNLOADING, shape_of
 from drillenv.dynamics.constitutive.tables import DEGREE, FIT, NODES, Table
@@ -172,17 +172,26 @@ def columns_of(given: Sequence[Column], model: Model, axes: Axes, made: Assemble
     count = states + len(given)
     kind, which, first = np.zeros((3, count), dtype=np.int64)
     turn, pieces, rows = np.zeros(count), [np.zeros((0, DEGREE + 1))], 0
-    kind[:states] = STATE
+    kind[:states], of_free = STATE, free_changes(given, model, axes)
     for c, column in enumerate(given, states):
         kind[c], which[c], turn[c], first[c] = column.kind, column.which, column.turn, rows
         if column.kind != LAW:
             continue
         if column.change is not None:
-            which[c] = made.free[column.place]
-            table = change_of(model.free[column.place], column.change, axes, column.place)
+            which[c], table = made.free[column.place], of_free[c - states]
         else:
             assert column.pieces is not None
             which[c], table = made.stated[column.law], column.pieces
         pieces.append(table)
         rows += len(table)
     return Columns(kind, which, first, turn, np.concatenate(pieces))
+
+
+def free_changes(given: Sequence[Column], model: Model, axes: Axes) -> dict[int, Floats]:
+    """(pieces, DEGREE + 1) by what a free law changes with a column, by the numbers of those that are of one."""
+    found = {}
+    for place in {each.place for each in given if each.change is not None}:
+        at = [c for c, each in enumerate(given) if each.change is not None and each.place == place]
+        changes = np.array([given[c].change for c in at])
+        found |= dict(zip(at, changes_of(model.free[place], changes, axes, place), strict=True))
+    return found

@@ -106,15 +106,16 @@ def _inverse(scale: float, low: float, step: float) -> Floats:
     return np.asarray(np.linalg.inv(_powers(scale * np.sinh(low + step * np.arange(GRID)))), dtype=float)
 
 
-def _solved(knots: Floats, law: Floats) -> Floats:
-    """(pieces, DEGREE + 1) polynomials through a law (GRID,) at knots (GRID,)."""
-    return np.asarray(np.linalg.solve(_powers(knots), law[_PICKED][:, :, None])[:, :, 0], dtype=float)
+def _solved(knots: Floats, laws: Floats) -> Floats:
+    """(m, pieces, DEGREE + 1) polynomials through laws (m, GRID) at knots (GRID,)."""
+    found = np.linalg.solve(_powers(knots), np.moveaxis(laws[:, _PICKED], 0, -1))
+    return np.moveaxis(np.asarray(found, dtype=float), -1, 0)
 
 
-def _fitted(law: Floats, axes: Axes, place: int) -> Floats:
-    """(pieces, DEGREE + 1) polynomials through a law (GRID,) on its axis."""
+def _fitted(laws: Floats, axes: Axes, place: int) -> Floats:
+    """(m, pieces, DEGREE + 1) polynomials through laws (m, GRID) on their axis."""
     inverse = _inverse(float(axes.scale[place]), float(axes.low[place]), float(axes.step[place]))
-    return (inverse @ law[_PICKED][:, :, None])[:, :, 0]
+    return (inverse @ laws[:, _PICKED][..., None])[..., 0]
 
 
 class Contact(NamedTuple):
@@ -142,10 +143,11 @@ def _contact(values: Floats, axes: Axes, place: int) -> Contact:
 
 
 def _integral(rate: Floats) -> Floats:
-    """(GRID,) integral over the position from the first point on, of the fourth order."""
-    bend = _between(rate)
-    parts = 0.5 * (rate[1:] + rate[:-1]) - np.diff(bend) / 12.0
-    return np.concatenate([[0.0], np.cumsum(parts)])
+    """(..., GRID) integral over the position from the first point on, of the fourth order."""
+    made = np.zeros_like(rate)
+    parts = 0.5 * (rate[..., 1:] + rate[..., :-1]) - np.diff(_between(rate), axis=-1) / 12.0
+    np.cumsum(parts, axis=-1, out=made[..., 1:])
+    return made
 
 
 def table_of(values: Floats, axes: Axes, place: int) -> Table:
@@ -157,16 +159,16 @@ def table_of(values: Floats, axes: Axes, place: int) -> Table:
     knots = axes.points(place)
     if place <= UNLOADING:
         w, knots = knots, _contact(values, axes, place).depth
-        pieces = _solved(knots, w)
+        (pieces,) = _solved(knots, w[None])
     else:
-        pieces = _fitted(values, axes, place)
+        (pieces,) = _fitted(values[None], axes, place)
     return Table(knots[::CELLS].copy(), pieces, np.zeros(len(pieces) - 1, dtype=bool))
 
 
-def change_of(values: Floats, change: Floats, axes: Axes, place: int) -> Floats:
-    """(pieces, DEGREE + 1) by what a law's pieces change with its values, by ``change`` (GRID,)."""
+def changes_of(values: Floats, changes: Floats, axes: Axes, place: int) -> Floats:
+    """(m, pieces, DEGREE + 1) by what a law's pieces change with its values, by each of ``changes`` (m, GRID)."""
     if place > UNLOADING:
-        return _fitted(change, axes, place)
+        return _fitted(changes, axes, place)
     made = _contact(values, axes, place)
-    moved = made.factor * _integral(change * made.stretch / made.factor)
+    moved = made.factor * _integral(changes * made.stretch / made.factor)
     return _solved(made.depth, moved)
