@@ -172,9 +172,10 @@ def _kernels(rings: tuple[float, ...], rate: float) -> tuple[Floats, int]:
 
 
 def _response(rings: tuple[float, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
+    if not np.any(values):
+        return force, acceleration
     kernels, first = _kernels(rings, rate)
-    more = _convolved(acceleration, values @ kernels, first) if np.any(values) else 0.0
-    return force, acceleration + more
+    return force, acceleration + _convolved(acceleration, values @ kernels, first)
 
 
 def _accelerometer(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
@@ -188,6 +189,8 @@ def _delay(values: Floats, force: Floats, acceleration: Floats, rate: float) -> 
 
 
 def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
+    if not np.any(values):
+        return force, acceleration
     masses = zip(values[1:], CELL_CORNERS, strict=False)
     behind = sum(mass * _filtered(acceleration, rate, corner) for mass, corner in masses if mass)
     return force + values[0] * acceleration + behind, acceleration
@@ -196,12 +199,14 @@ def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -
 def _cell(rings: tuple[float, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
     masses, own = np.split(values, [1 + len(CELL_CORNERS)])
     carried, acceleration = _inertia(masses, force, acceleration, rate)
+    if not np.any(own):
+        return carried, acceleration
     kernels, first = _kernels(rings, rate)
-    return carried + (_convolved(force, own @ kernels, first) if np.any(own) else 0.0), acceleration
+    return carried + _convolved(force, own @ kernels, first), acceleration
 
 
 def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
-    return force, acceleration + values[0] * force
+    return force, acceleration + values[0] * force if values[0] else acceleration
 
 
 @dataclass(frozen=True)
@@ -211,8 +216,10 @@ class Response(Sensor):
     law: Callable[[Floats, Floats, Floats, float], tuple[Floats, Floats]] = _inertia
 
     def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
-        """By the law."""
-        return np.stack(self.law(values, signals[..., FORCE, :], signals[..., ACCELERATION, :], point.rate), axis=-2)
+        """By the law; the signals themselves where it changes nothing."""
+        channels = signals[..., FORCE, :], signals[..., ACCELERATION, :]
+        read = self.law(values, *channels, point.rate)
+        return signals if read[0] is channels[0] and read[1] is channels[1] else np.stack(read, axis=-2)
 
 
 @dataclass(frozen=True)
@@ -234,6 +241,8 @@ class HighPass(Sensor):
 
     def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
         """Subtract the low-passes, from rest."""
+        if not np.any(values[: self.common]):
+            return signals
         read = signals.copy()
         for channel, gain, corner in self.low_passes(values):
             read[..., channel, :] -= gain * _filtered(signals[..., channel, :], point.rate, corner, rested=True)
