@@ -36,22 +36,21 @@ def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool =
     residual, defects = block.residual(values, raw.said, own), block.defects(raw, kept)
     seen = block.structure.observe(values, raw.by_column, block.point)
     seen = block.mask_and_whiten(block.sampled(values, seen)[:, :, block.judged])
-    shared_columns = (
-        np.zeros((0, *residual.shape)) if fixed else columns_by_parameters(block, values, raw, seen, mixing)
-    )
-    local_mixing = mixing_of_labels(block, columns, model)
-    wide = np.concatenate([columns_by_locals(block, seen, local_mixing), shared_columns, residual[None]])
     # most parameters of recordings are of others, and change nothing here
-    there = wide.any(axis=(1, 2))
-    by_state, by_state_there = window_products(block, values, raw, wide[there])
-    flat = wide[there].reshape(int(there.sum()), -1)
+    changing, by_shared = columns_by_parameters(block, values, raw, seen, mixing)
+    local_mixing, count = mixing_of_labels(block, columns, model), block.locals
+    wide = np.concatenate([columns_by_locals(block, seen, local_mixing), by_shared, residual[None]])
+    width = count + mixing.shape[1] + 1
+    there = np.concatenate([np.arange(count), count + changing, [width - 1]])
+    by_state, by_state_there = window_products(block, values, raw, wide)
+    flat = wide.reshape(len(wide), -1)
     m = block.windows * kept
-    own_own, own_wide, products = np.zeros((m, m)), np.zeros((m, len(wide))), np.zeros((len(wide), len(wide)))
+    own_own, own_wide, products = np.zeros((m, m)), np.zeros((m, width)), np.zeros((width, width))
     present = (kept * np.arange(block.windows)[:, None] + varied.present).ravel()
     own_own[np.ix_(present, present)] = by_state
     own_wide[np.ix_(present, there)], products[np.ix_(there, there)] = by_state_there, flat @ flat.T
     e_own, e_shared = defect_columns(block, raw, own.size, varied, mixing, local_mixing)
-    g, count = defects.ravel(), block.locals
+    g = defects.ravel()
     off, precision = block.beliefs(own)
     hessian = e_own.T @ e_own
     hessian[:m, :m] += own_own
@@ -227,15 +226,20 @@ def differentiated(block: ShootingProblem, values: Floats, model: Model) -> list
     return found + laws
 
 
-def columns_by_parameters(block: ShootingProblem, values: Floats, raw: Raw, seen: Floats, mixing: Floats) -> Floats:
-    """(parameters, 2, judged) by what the weighed reading changes with each parameter in units of its width."""
-    moved = np.zeros((mixing.shape[1], *seen.shape[1:]))
-    by_motion = mixing.any(axis=0)
-    moved[by_motion] = np.tensordot(mixing.T[by_motion], seen, 1)
-    at, rows = reading_jacobian(block, values, raw.said)
+def columns_by_parameters(
+    block: ShootingProblem, values: Floats, raw: Raw, seen: Floats, mixing: Floats
+) -> tuple[NDArray[np.int64], Floats]:
+    """Parameters that the weighed reading changes with, and by what, (m, 2, judged), in units of their widths."""
+    by_motion = np.flatnonzero(mixing.any(axis=0))
+    at, rows = reading_jacobian(block, values, raw.said) if mixing.size else ([], [])
+    changing = np.union1d(by_motion, np.array(at, dtype=np.int64))
+    moved = np.zeros((changing.size, *seen.shape[1:]))
+    moved[np.searchsorted(changing, by_motion)] = np.tensordot(mixing.T[by_motion], seen, 1)
     if rows:
-        np.add.at(moved, at, block.mask_and_whiten(np.array(rows)[:, :, block.judged]))
-    return moved * block.widths[:, None, None]
+        weighed = block.mask_and_whiten(np.array(rows)[:, :, block.judged])
+        for i, row in zip(np.searchsorted(changing, at), weighed, strict=True):
+            moved[i] += row
+    return changing, moved * block.widths[changing, None, None]
 
 
 def reading_jacobian(block: ShootingProblem, values: Floats, said: Floats) -> tuple[list[int], list[Floats]]:
