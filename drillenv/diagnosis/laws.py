@@ -452,17 +452,21 @@ def _droop(frequencies: Sequence[float]) -> Family:
     return Family("drive gain", "drive gain", gains)
 
 
+MOUNT_FREQUENCIES = np.geomspace(40.0, 1000.0, 18)
+"""Hz, from which on a mount is looked for: as far from one to the next as half the width of its response at first."""
+
+
 def _remembering() -> list[Family]:
     """Families with states of their own, from several time constants and frequencies on."""
     found = []
     for tau in (0.06, 0.4):
         time = Unknown("logarithm of its time", math.log(tau), 0.2, low=math.log(0.01), high=math.log(10.0))
         found.append(Family(f"air {tau:g} s", "air", (Air("air", (*coefficients("air", 1, 1e4), time)),)))
-    for f in (60.0, 150.0, 380.0):
+    for f in MOUNT_FREQUENCIES:
         turn = Unknown("logarithm of its frequency", math.log(f), 0.1, low=math.log(20.0), high=math.log(2000.0))
         ratio = Unknown("damping ratio", 0.1, 0.02, low=0.005, high=1.0)
         mode = Mount("mount", (*coefficients("mount", 1, 0.01), turn, ratio))
-        found.append(Family(f"mount {f:g} Hz", "mount", (mode,)))
+        found.append(Family(f"mount {f:.0f} Hz", "mount", (mode,)))
     return found
 
 

@@ -82,15 +82,13 @@ def is_strained(fitted: Fitted) -> bool:
     return any(abs(value - each.value) > SEVERAL * each.std for value, each in pairs)
 
 
-def from_strengths(fitted: Fitted, family: Family, limits: Limits) -> Fitted:
-    """The fit with one more family that has states, from none of it and from a standard deviation of its strength.
+def from_strengths(fitted: Fitted, score: Score, limits: Limits) -> Fitted:
+    """The fit with one more family that has states, from none of it and from as much as its score test says.
 
-    With none of it, its frequency or time constant changes nothing (R. B. Davies, Biometrika 74 (1987) 33-43), and
-    where a model is far off, what more of it would gain is no guide.
+    With none of it, its frequency or time constant changes nothing.
     """
-    std = family.unknowns[0].std
-    strengths = (0.0, std) if math.isfinite(std) else (0.0,)
-    return min((with_family(fitted, family, limits, each) for each in strengths), key=lambda each: each.cost)
+    strengths = (0.0, score.strength)
+    return min((with_family(fitted, score.family, limits, each) for each in strengths), key=lambda each: each.cost)
 
 
 def candidates(fitted: Fitted) -> list[Family]:
@@ -334,7 +332,7 @@ def refine_candidates(
     most_is_left = fitted.per_freedom > CLOSE and (best is None or best > half)
     for each in chosen:
         strong = each.family.has_states and most_is_left
-        found = from_strengths(fitted, each.family, SHORT) if strong else short_fit(fitted, each.family)
+        found = from_strengths(fitted, each, SHORT) if strong else short_fit(fitted, each.family)
         fits.append((each, found))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:

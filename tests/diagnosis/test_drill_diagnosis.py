@@ -1,6 +1,7 @@
 """The second design from a campaign of the concealed rig to its verdict."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,9 +12,14 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Concealed
 from drillenv.corrected import model_from_record, model_record
 from drillenv.diagnosis import drill_report
-from drillenv.diagnosis.drill_diagnosis import diagnose_drill, outlying_recording
+from drillenv.diagnosis.condition import condition
+from drillenv.diagnosis.drill_diagnosis import STRETCH, diagnose_drill, nominal_rig, outlying_recording, plain_fit
 from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
 from drillenv.diagnosis.drill_report import corrected, record_of, waves
+from drillenv.diagnosis.drill_rig import DRILL
+from drillenv.diagnosis.fitting import SHORT
+from drillenv.diagnosis.score_tests import PEAKS, at_peaks, score_tests
+from drillenv.diagnosis.selection import from_strengths
 from drillenv.diagnosis.thresholds import LEFT
 
 pytestmark = pytest.mark.slow
@@ -69,6 +75,26 @@ def test_the_librarys_equation_gives_the_form_and_its_parameter():
     assert finding["parameters"]["chi"]["value"] == pytest.approx(0.6, rel=0.03)
     model = corrected(outcome)
     assert model_from_record(model_record(model)).effects == model.effects
+
+
+def test_a_mount_is_looked_for_where_it_resonates():
+    """Far off, between the frequencies that were once tried: from 60 and 150 Hz fits came to other minima."""
+    hidden = concealing("rock-mount-compliance", 0, s_r=3.4e-8, m_r=67.0, zeta_r=0.065)
+    campaign = plain_campaign(np.random.default_rng(25), 4, hidden, recordings=5, seconds=0.25).campaign
+    data = [condition(each, nominal_rig(campaign)).first(STRETCH) for each in campaign.recordings]
+    with ThreadPoolExecutor(2) as pool:
+        plain = plain_fit(campaign, data, pool)
+        tried = [each for each in DRILL.candidates(plain) if each.group == "mount"]
+        first, *others = at_peaks(plain, tried)
+        assert plain.per_freedom > 5.0 and len(others) < PEAKS
+        assert first.look_elsewhere == len(tried)
+        ((score,), _level) = score_tests(plain, [first])
+        found = from_strengths(plain, score, SHORT)
+        gain, frequency, ratio = found.values_of("mount")
+        assert score.strength == pytest.approx(1.0 / 67.0, rel=0.5)
+        assert gain == pytest.approx(1.0 / 67.0, rel=0.05)
+        assert math.exp(frequency) == pytest.approx(1.0 / (2.0 * math.pi * math.sqrt(3.4e-8 * 67.0)), rel=0.01)
+        assert ratio == pytest.approx(0.065, rel=0.1)
 
 
 def test_another_equation_is_named_with_its_law():
