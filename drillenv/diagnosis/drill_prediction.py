@@ -97,7 +97,9 @@ def estimate_states_of(
         if weight == FREE and beginning is None:
             own = block.find_states(shared, own)
         else:
-            own = block.estimate_states(shared, block.rollout(shared, own) if weight == JOINED else own)
+            going_on = block.rollout(shared, own)
+            as_guessed = weight > JOINED and block.cost(shared, own) < block.cost(shared, going_on)
+            own = block.estimate_states(shared, own if as_guessed else going_on)
         outlying = block.per_sample(shared, own) > OUTLYING * 2.0 * fitted.fit.cost / fitted.samples
         again = block.reinitialise_outliers(shared, own, outlying)
         return block, own if again is own else block.estimate_states(shared, again)
