@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -49,12 +49,6 @@ class Fitted:
     def each(self, evaluate: Callable[..., Any], *more: Iterable[Any]) -> list[Any]:
         """What a function says of each recording and its own unknowns, and of what more there is of each."""
         return list(side_by_side(self.pool)(evaluate, self.blocks, self.fit.own, *more))
-
-    def of_some(self, count: int) -> Fitted:
-        """The same of so many of the recordings, for what need not be known precisely."""
-        some = slice(None, None, max(1, len(self.blocks) // count))
-        fit = replace(self.fit, own=self.fit.own[some], costs=self.fit.costs[some], parts=self.fit.parts[some])
-        return replace(self, blocks=self.blocks[some], fit=fit)
 
     def refit(
         self,

@@ -128,10 +128,8 @@ def information(fitted: Fitted, terms: Sequence[Term], constants: Sequence[int] 
     )
 
 
-SCANNED = 4
-"""Recordings that say at which frequencies a family with states is tested."""
 PEAKS = 2
-"""Such frequencies at most."""
+"""Frequencies at most, or time constants, at which a family with states is tested."""
 
 
 def at_peaks(fitted: Fitted, tried: Sequence[Family]) -> list[Family]:
@@ -140,11 +138,11 @@ def at_peaks(fitted: Fitted, tried: Sequence[Family]) -> list[Family]:
     Of no strength, such a family does not depend on its frequency: what is tested is the largest of its gains over all
     frequencies (R. B. Davies, Biometrika 74 (1987) 33-43). Where one is the largest around, a fit may begin.
     """
-    found, some = [], fitted.of_some(SCANNED)
+    found = []
     for group in dict.fromkeys(each.group for each in tried if each.has_states):
         alike = [each for each in tried if each.has_states and each.group == group]
         if len(alike) > PEAKS:
-            gains = np.array([most_promising(some, each.terms)[1] for each in alike])
+            gains = np.array([most_promising(fitted, each.terms)[1] for each in alike])
             around = np.pad(gains, 1, constant_values=-np.inf)
             tops = np.flatnonzero((gains >= around[:-2]) & (gains >= around[2:]))
             best = tops[np.argsort(-gains[tops])[:PEAKS]]
