@@ -170,7 +170,8 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
         terms = [term for each in batch for term in each.terms]
         known = information(fitted, terms, [names.index(each.constant) for each in batch if each.constant])
         gradient, hessian = known.reduced()
-        strength = -gradient[0] / max(hessian[0, 0], 1e-300) * terms[0].widths[0] if terms[0].has_states else 0.0
+        width = batch[0].unknowns[0].width if batch[0].has_states else 0.0
+        strength = -width * float(gradient[0] / max(hessian[0, 0], 1e-300))
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         gradient, hessian = gradient / scale, hessian / scale[:, None] / scale
         power, modes = np.linalg.eigh(hessian)
