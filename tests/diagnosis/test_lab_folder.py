@@ -33,10 +33,6 @@ def campaign():
     return plain_campaign(rng, 4, (chosen,), recordings=8, seconds=0.2).campaign
 
 
-ROCK = ["contact"]
-"""What is looked for where the question is whether a fault of the recordings is taken for the rock."""
-
-
 def changed(campaign, name, change):
     """The samples of every channel of a recording, changed."""
     recordings = []
@@ -72,7 +68,7 @@ def test_lost_samples_a_pre_trigger_and_a_dead_channel(campaign):
     first = messy.recordings[0]
     dead = {**first.channels, "position": Channel(np.zeros(first.size), "m", "position")}
     messy = replace(messy, recordings=(replace(first, channels=dead), *messy.recordings[1:]))
-    report = diagnose(messy, only=ROCK)
+    report = diagnose(messy)
     assert named(report) == ["contact-rate"]
     said = " ".join(report.record["remarks"])
     assert "r03: used are" in said and "r02: used are 0.049" in said and "r01: its position is left out" in said
@@ -85,7 +81,7 @@ def test_a_coarse_converter_sets_the_noise(campaign):
     coarse = campaign
     for each in campaign.recordings:
         coarse = changed(coarse, each.name, lambda name, x: 24.0 * np.round(x / 24.0) if name == "force" else x)
-    report = diagnose(coarse, only=ROCK)
+    report = diagnose(coarse)
     assert named(report) == ["contact-rate"]
     assert report.record["fit"]["held_out"]["after"] < 1.1
     assert any("6.93 N" in each for each in report.record["remarks"])
@@ -97,7 +93,7 @@ def test_a_dead_band_sets_the_noise(campaign):
     dead = campaign
     for each in campaign.recordings:
         dead = changed(dead, each.name, lambda name, x: np.where(abs(x) < 20.0, 0.0, x) if name == "force" else x)
-    report = diagnose(dead, only=ROCK)
+    report = diagnose(dead)
     assert named(report) == ["contact-rate"]
     assert any("dead band" in each for each in report.record["remarks"])
 
@@ -194,7 +190,7 @@ def test_charges_of_a_coupling_without_a_corner_are_offsets(tmp_path):
 @pytest.mark.slow
 def test_a_recording_too_short_is_left_out(campaign):
     short = changed(campaign, "r04", lambda _name, samples: samples[:600])
-    report = diagnose(short, only=ROCK)
+    report = diagnose(short)
     assert named(report) == ["contact-rate"]
     assert any(each.startswith("r04: ") and each.endswith("it is left out.") for each in report.record["remarks"])
 

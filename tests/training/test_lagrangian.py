@@ -190,7 +190,10 @@ BAD = {
     "prepared ppo": (["--algo", "ppo", "--prepared", "--cost-limit", "5"], "--cost-limit has no use with ppo"),
     "weight": (["--env-kwargs", '{"reward": {"force": 5.0}}'], "reward force is 5.0, but ppo-lagrangian finds"),
     "reward": (["--env-kwargs", '{"reward": 3}'], "reward is 3: give a record of weights"),
-    "hole": (["--env", "drillenv/DrillBit-v0"], "ppo-lagrangian does not learn: give ppo, recurrent-ppo, sac, td3"),
+    "hole": (
+        ["--env", "drillenv/DrillBit-v0"],
+        "is a hole, which ppo-lagrangian does not learn: give ppo, recurrent-ppo, sac, td3",
+    ),
 }
 
 
