@@ -16,7 +16,7 @@ from drillenv.checks import InputError, choice, shown
 from drillenv.controllers.hole import learned as hole
 from drillenv.controllers.hole.learned import HolePolicy
 from drillenv.controllers.policies import ACTIONS, DESCRIPTION, DIRECT, NAMES, Policy, read_policy, write_policy
-from drillenv.controllers.policies.stable_baselines import PER_LAYER
+from drillenv.controllers.policies.stable_baselines import PER_LAYER, lstm_of
 from drillenv.training.recipe import OFF_POLICY, RECURRENT, WITH_CRITIC, Recipe, read_recipe, renamed
 from drillenv.training.scaling import CENTRE, WIDTH
 
@@ -46,9 +46,7 @@ def weights_of(parameters: Mapping[str, np.ndarray], recipe: Recipe) -> dict[str
     """What the policy needs of all parameters of a model, by the names that a Policy has for them."""
     found = {}
     if recipe.algo == RECURRENT:
-        found["lstm.weight_input"] = parameters["lstm_actor.weight_ih_l0"]
-        found["lstm.weight_hidden"] = parameters["lstm_actor.weight_hh_l0"]
-        found["lstm.bias"] = parameters["lstm_actor.bias_ih_l0"] + parameters["lstm_actor.bias_hh_l0"]
+        found |= lstm_of(parameters)
     layers, head = HEADS.get(recipe.algo, ON_POLICY_HEAD)
     head = head or f"{layers}.{PER_LAYER * len(recipe.layers)}"
     for part in ("weight", "bias"):

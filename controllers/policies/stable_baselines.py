@@ -35,6 +35,8 @@ HOLE_CONTROLS = 4
 """Numbers of an action on a hole: those of the other environments, and the change of the bit."""
 PER_LAYER = 2
 """Stable-Baselines3 numbers its modules: a linear one and its activation for each layer."""
+LSTM_PARTS = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+"""PyTorch's names of what an LSTM consists of."""
 SUPPORTED = "an MlpPolicy of PPO, A2C, SAC or TD3, or an MlpLstmPolicy of RecurrentPPO"
 ACTIVATIONS = {"torch.nn.modules.activation.Tanh": "tanh", "torch.nn.modules.activation.ReLU": "relu"}
 HARMLESS = {
@@ -218,8 +220,7 @@ def _activation(data: Mapping[str, Any], usual: str) -> str:
 
 def _lstm(tensors: Mapping[str, np.ndarray], inputs: int) -> dict[str, np.ndarray]:
     """The weights of the LSTM before the layers of the policy, by the names that a Policy has for them."""
-    parts = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-    found = [tensors.get(f"lstm_actor.{part}_l0") for part in parts]
+    found = [tensors.get(f"lstm_actor.{part}_l0") for part in LSTM_PARTS]
     if "lstm_actor.weight_ih_l1" in tensors or any(each is None for each in found):
         raise InputError("it has not exactly one layer of LSTM: give one of n_lstm_layers=1")
     into, hidden, *biases = (np.asarray(each) for each in found)
@@ -229,6 +230,12 @@ def _lstm(tensors: Mapping[str, np.ndarray], inputs: int) -> dict[str, np.ndarra
         raise InputError(f"its LSTM does not follow on {inputs} numbers, or has over {MOST_UNITS} units: train another")
     if not all(np.isfinite(each).all() for each in (into, hidden, *biases)):
         raise InputError("its LSTM has numbers that are not finite: train it again")
+    return lstm_of(tensors)
+
+
+def lstm_of(tensors: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The weights of the first layer of a policy's LSTM by the names that a Policy has for them."""
+    into, hidden, *biases = (tensors[f"lstm_actor.{part}_l0"] for part in LSTM_PARTS)
     return {"lstm.weight_input": into, "lstm.weight_hidden": hidden, "lstm.bias": biases[0] + biases[1]}
 
 
