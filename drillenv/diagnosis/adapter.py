@@ -135,6 +135,10 @@ class Adapter:
         """Whether two families' laws are of one force over different arguments, so that one may correct the other."""
         return False
 
+    def contains(self, family: Family, other: Family) -> bool:
+        """Whether a family's free law is more general than another's of the same readings, and that a part of it."""
+        return False
+
     def rivals(self, fitted: Fitted, family: Family) -> list[Rival]:
         """The library's equations that could stand for a family's law, the nearest first."""
         return []

@@ -26,7 +26,7 @@ from drillenv.diagnosis.laws import (
     same_force,
 )
 from drillenv.diagnosis.score_tests import most_promising
-from drillenv.diagnosis.sensing import ACCELEROMETER, Added, Sensor, kind_of_response, sensor_families
+from drillenv.diagnosis.sensing import ACCELEROMETER, Added, Sensor, contains, kind_of_response, sensor_families
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.tables import Axes
@@ -44,6 +44,7 @@ class DrillRig(Adapter):
     mechanisms_of: Any = staticmethod(mechanisms_of)
     reparametrise_to_nominal: Any = staticmethod(reparametrise_to_nominal)
     same_force: Any = staticmethod(same_force)
+    contains: Any = staticmethod(contains)
 
     def axes_at(self, fitted: Fitted) -> Axes:
         """Axes over the ranges that a fit's motions visit."""

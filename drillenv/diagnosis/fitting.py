@@ -45,6 +45,8 @@ class Fitted:
     fit: Fit
     pool: Executor | None = None
     """Where recordings are evaluated side by side."""
+    failed: Sequence[Attempt | None] = ()
+    """Of each recording the last reinitialisation, where it failed."""
 
     def each(self, evaluate: Callable[..., Any], *more: Iterable[Any]) -> list[Any]:
         """What a function says of each recording and its own unknowns, and of what more there is of each."""
@@ -63,8 +65,8 @@ class Fitted:
     ) -> Fitted:
         """A fit to the same recordings, by :func:`fit_to`; what is not given is as it is in this one."""
         structure, start = structure or self.structure, self.fit.shared if start is None else start
-        own = self.fit.own if own is None else own
-        return fit_to(self.blocks, own, structure, start, self.pool, limits, weight, noise, states_first)
+        failed, own = (self.failed, self.fit.own) if own is None else ((), own)
+        return fit_to(self.blocks, own, structure, start, self.pool, limits, weight, noise, states_first, failed)
 
     @property
     def values(self) -> Floats:
@@ -179,6 +181,7 @@ def fit_to(
     weight: float | None = None,
     noise: Sequence[Any] | None = None,
     states_first: bool = False,
+    failed: Sequence[Attempt | None] = (),
 ) -> Fitted:
     """Fit a model structure.
 
@@ -193,6 +196,7 @@ def fit_to(
         noise: Of each recording; as it is where None.
         states_first: Whether own unknowns are fitted alone before: where the start is of another kind than the model
             they were fitted with.
+        failed: Of each recording the last reinitialisation, where it failed; none where empty.
     """
     priors = priors_of(structure)
     shared = priors.centre.copy() if start is None else start
@@ -205,14 +209,14 @@ def fit_to(
     fit = minimise(blocks, shared, own, priors, limits, pool, samples)
     if fit.begun - fit.cost < limits.gain(fit.begun, samples):
         # what stands out did so before
-        return Fitted(structure, blocks, fit, pool)
-    failed: list[Attempt | None] = [None] * len(blocks)
+        return Fitted(structure, blocks, fit, pool, failed)
+    failed = failed or [None] * len(blocks)
     for _ in range(ROUNDS):
         own, failed = reinitialise_outliers(blocks, fit, failed, pool)
         if None not in failed:
             break
         fit = minimise(blocks, fit.shared, own, priors, limits, pool, samples)
-    return Fitted(structure, blocks, fit, pool)
+    return Fitted(structure, blocks, fit, pool, failed)
 
 
 def joined(found: Fitted, limits: Limits = CONVERGED, noise: Sequence[Any] | None = None) -> Fitted:

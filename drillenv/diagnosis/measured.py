@@ -19,7 +19,7 @@ from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Curve, Equation, Family, constant_beside
 from drillenv.diagnosis.naming import Tried
 from drillenv.diagnosis.noise import line_columns
-from drillenv.diagnosis.sensing import FORCE, Added, Sensor, response
+from drillenv.diagnosis.sensing import FORCE, FORCE_LAG, Added, Sensor, response
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, interpolate
@@ -434,7 +434,7 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
     unit = REGISTRY[mechanism].parameters[0].unit
     rate = min(each.data.rate for each in fitted.blocks)
     frequency = np.linspace(50.0, min(0.35 * rate, 4000.0), POINTS)
-    channels = (0, 0) if terms[0].name == "force lag" else (1, 1)
+    channels = (0, 0) if terms[0].name == FORCE_LAG else (1, 1)
     if unit == "kg":
         channels = (1, 0)
 

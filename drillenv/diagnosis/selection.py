@@ -272,7 +272,7 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
         # in a model that is nearly right, one that promises as much is its equal
         resonant = [each for each in resonant if each.gain >= NEAR * chosen[0].gain]
     if resonant:
-        found = refine_candidates(fitted, resonant, say, fits[0][1].cost if fits else None)
+        found = refine_candidates(fitted, resonant, say, fits[0][1] if fits else None)
         fits += [(each, other) for each, other in found if strength_shows(each.family, other)]
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     if not fits:
@@ -324,12 +324,12 @@ def refine_candidates(
     fitted: Fitted,
     chosen: Sequence[Score],
     say: Say,
-    best: float | None = None,
+    best: Fitted | None = None,
 ) -> list[tuple[Score, Fitted]]:
-    """Short fits of families, of which those near to the ``best`` cost so far are followed to their ends."""
+    """Short fits of families, of which those near to the ``best`` fit so far are followed to their ends."""
     fits: list[tuple[Score, Fitted]] = []
     half = 0.5 * (fitted.cost + 0.5 * fitted.freedom)
-    most_is_left = fitted.per_freedom > CLOSE and (best is None or best > half)
+    most_is_left = fitted.per_freedom > CLOSE and (best is None or best.cost > half)
     for each in chosen:
         strong = each.family.has_states and most_is_left
         found = from_strengths(fitted, each, SHORT) if strong else short_fit(fitted, each.family)
@@ -348,13 +348,13 @@ def refine_candidates(
     fits.sort(key=lambda pair: penalised(*pair, fitted))
     for rank, (each, other) in enumerate(fits[:CANDIDATES]):
         # beside one that explains all, only what explains nearly as much is a rival
-        near = LAW_LEFT if rank > 0 and explains_all(fits[0][1], fitted) else 0.5
-        if best is not None and other.cost > best + near * (fitted.cost - best):
+        near = LAW_LEFT if best is not None and explains_all(best, fitted) else 0.5
+        if best is not None and other.cost > best.cost + near * (fitted.cost - best.cost):
             break
         again = other.refit()
         say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
         fits[rank] = (each, again)
-        best = again.cost if best is None else min(best, again.cost)
+        best = again if best is None else min(best, again, key=lambda each: each.cost)
     fits.sort(key=lambda pair: penalised(*pair, fitted))
     return fits
 

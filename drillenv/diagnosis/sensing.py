@@ -40,7 +40,7 @@ OVERTONES = (1, 2, 3, 4, 5)
 """Orders of the mains that a hum may have: of a rectifier, and of a transformer that saturates."""
 GAINS = 2 * len(SLOW_CORNERS)
 """Of a high-pass, by channel and corner."""
-ACCELEROMETER = "accelerometer response"
+ACCELEROMETER, CELL, FORCE_LAG = "accelerometer response", "load cell response", "force lag"
 RISING, FALLING, LEVEL = RESPONSES = "rising response", "falling response", "level response"
 """What the free response of an accelerometer may be."""
 
@@ -464,7 +464,7 @@ def free_response(rings: Sequence[float]) -> Response:
 
 def free_cell(rings: Sequence[float]) -> Response:
     """A load cell of any such response that carries a mass."""
-    return Response("load cell response", CELL_MASSES + _parts(rings), 0, law=partial(_cell, tuple(rings)))
+    return Response(CELL, CELL_MASSES + _parts(rings), 0, law=partial(_cell, tuple(rings)))
 
 
 def added(
@@ -517,13 +517,19 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     return [*found, Added(offset, zero, 5, effect=offset), replace(added(names), name="own offsets", effect=offset)]
 
 
+def contains(family: Family, other: Family) -> bool:
+    """Whether a family is any response of one channel, and the other its delay against the other channel."""
+    names, others = ({term.name for term in each.terms} for each in (family, other))
+    return not names.isdisjoint((ACCELEROMETER, CELL)) and FORCE_LAG in others
+
+
 def sensor_families(names: Sequence[str], rate: float, lines: Collection[float] = ()) -> list[Family]:
     """Free laws at zero, of these recordings; of hums of ``lines`` in Hz that are there, the amplitude may swell."""
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     found: list[tuple[str, str, Sensor]] = [
         (ACCELEROMETER, "", free_response(_resonators(8, rate))),
-        ("lag", "", Response("force lag", _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
+        ("lag", "", Response(FORCE_LAG, _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
         ("load cell", " with a response of its own", free_cell(_resonators(8, rate))),

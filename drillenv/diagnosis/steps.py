@@ -82,7 +82,7 @@ def gain_of_others(steps: Sequence[Step], step: Step, fitted: Fitted) -> float:
 
 
 def measured_beside(family: Family, fitted: Fitted, steps: Sequence[Step]) -> list[Step]:
-    """Steps whose law follows no equation and is of the same force as a family's, over another argument.
+    """Steps whose law follows no equation and contains a family's, or is of the same force over another argument.
 
     A force that depends on two arguments at once, as friction in a contact on speed and depth, is no sum of laws of
     each: what is left of it, a law over the other argument takes up.
@@ -92,7 +92,7 @@ def measured_beside(family: Family, fitted: Fitted, steps: Sequence[Step]) -> li
         each
         for each in mechanisms_of(steps)
         if each.named.equation is None and each.family.group != family.group
-        if rig.same_force(each.family, family)
+        if rig.same_force(each.family, family) or rig.contains(each.family, family)
     ]
 
 
@@ -106,7 +106,8 @@ def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say
 
     Where none does, and something else is missing as well, they are tried again once the model is close. What corrects
     the equation of an earlier step follows none itself. What explains no more than errors of a measured law of the same
-    force would leave, or follows no equation beside one that explains more, corrects that law.
+    force would leave, or follows no equation beside one that explains more, corrects that law; and so does what is a
+    part of a measured law that explains more.
     """
     loose = found.weight
     found = joined(found)
@@ -117,15 +118,17 @@ def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say
     of_equation = any(each.family.group == family.group and each.named.equation is not None for each in steps)
     pending = not (of_equation or family.constant)
     step = Step(family, gain, freedom, fitted.samples, found, named, family.terms, [], pending=pending)
-    explained = max((each.gain_in(fitted) for each in measured_beside(family, fitted, steps)), default=0.0)
-    if gain > LAW_LEFT**2 * explained:
+    beside = measured_beside(family, fitted, steps)
+    explained = max((each.gain_in(fitted) for each in beside), default=0.0)
+    contained = any(fitted.structure.rig.contains(each.family, family) for each in beside)
+    if gain > explained or (gain > LAW_LEFT**2 * explained and not contained):
         step = identify_equation(found, step, say)
         worse = step.named.tried[0].worse if step.named.tried else math.inf
         follows = step.named.equation is not None or worse < MOST_OF_LAW * gain
         # in a far model that no equation follows says nothing yet
         if gain > explained or follows or step.pending:
             return step
-    say(f"  {family.name} corrects another law of the same force")
+    say(f"  {family.name} corrects another law of the same {'readings' if contained else 'force'}")
     return replace(step, corrects=True, pending=False)
 
 

@@ -16,6 +16,7 @@ from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import ScoreTests
 from drillenv.diagnosis.selection import forward, least_gain, strength_shows
+from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.steps import accept
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure, Term, Unknown
@@ -27,11 +28,15 @@ FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1))
 
 
 class OfTheContact(Adapter):
-    """A rig of which laws with "contact" in their names are of one force."""
+    """A rig of which laws with "contact" in their names are of one force, and any response has a lag."""
 
     def same_force(self, family, other):
         """By the names of their groups."""
         return "contact" in family.group and "contact" in other.group
+
+    def contains(self, family, other):
+        """By the names of their groups."""
+        return (family.group, other.group) == ("response", "lag")
 
 
 def fit(per_freedom: float, resolved: float = 0.0) -> Any:
@@ -109,6 +114,34 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
     family: Any = Fake(name="contact law", group="contact law", constant="", mechanism="contact-power-law", terms=())
     found = accept(before, family, after, 8, lambda _: None, [step("contact speed", 1e5, None)])
     assert found.corrects == corrects
+
+
+@pytest.mark.parametrize(("gain", "equation", "corrects"), [(5e3, None, True), (2e5, None, False), (5e3, "one", False)])
+def test_a_part_of_a_measured_law_is_no_mechanism_beside_it(monkeypatch, gain, equation, corrects):
+    """A channel's response has its delay: where one was measured, what a delay gains corrects it, unless it is more."""
+    monkeypatch.setattr(steps, "joined", lambda fitted, *_: fitted)
+    by_delay = Named("channel-delay", "delay", ())
+    monkeypatch.setattr(steps, "identify_equation", lambda _, found, say: replace(found, named=by_delay))
+    before, after = fit(1.1), fit(1.05)
+    before.cost, after.cost, after.weight = gain, 0.0, 1.0
+    family: Any = Fake(name="lag", group="lag", constant="", mechanism="channel-delay", terms=())
+    assert accept(before, family, after, 1, lambda _: None, [step("response", 1e5, equation)]).corrects == corrects
+
+
+def test_the_delay_that_a_free_response_has():
+    families = {each.name: each for each in sensor_families(["r01"], 25600.0)}
+    delay = families["lag"]
+    containing = [name for name, each in families.items() if DRILL.contains(each, delay)]
+    assert containing == ["accelerometer response", "load cell with a response of its own"]
+    assert not any(DRILL.contains(delay, each) for each in families.values())
+
+
+def test_an_equation_does_not_come_near_to_a_simpler_one_that_is_singular():
+    """Dry friction rounded over no speed, whose derivative no motion has."""
+    forms = {each.form.name: each for each in equations([INDENTER], ["indenter_bristles", "indenter_grip"])}
+    low = {each.name: each.low for each in forms["stribeck"].unknowns}
+    assert low["vs2"] == pytest.approx(2e-4)
+    assert low["fc2"] == 0.0
 
 
 @pytest.mark.parametrize(("costs", "chosen"), [((90.0, 200.0), "coulomb"), ((115.0, 200.0), "stribeck")])

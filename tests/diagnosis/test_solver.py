@@ -258,6 +258,9 @@ def test_states_are_not_reinitialised_where_a_fit_stayed_where_it_began(start, t
     found = fit_to([block], [np.zeros(0)], structure, np.array([start]), None, SHORT)
     assert abs(found.fit.shared[0]) < 0.2
     assert block.tried == tries
+    # nor twice in vain, though the next fit moves
+    found.refit(start=np.array([0.5]), limits=Limits(20, 0.01))
+    assert block.tried == 1
 
 
 def test_a_step_that_fell_far_short_of_its_promise_is_no_convergence():
