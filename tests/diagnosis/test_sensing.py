@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
-from drillenv.diagnosis.sensing import ACCELEROMETER, OVERDAMPED, Sensor, response, sensor_families, textbook_sensors
+from drillenv.diagnosis.sensing import (
+    ACCELEROMETER,
+    FALLING,
+    LEVEL,
+    OVERDAMPED,
+    Response,
+    Sensor,
+    kind_of_response,
+    response,
+    sensor_families,
+    textbook_sensors,
+)
 from drillenv.diagnosis.terms import OperatingPoint
 from drillenv.dynamics.effects import REGISTRY, Channels, make
 from drillenv.dynamics.hybrid.run import run_hybrid
@@ -403,3 +414,19 @@ def test_a_load_cell_that_rings_is_explained(corner):
         change.append(both)
     rigid, ringing = (explained(families()[name], change) for name in ("load cell", RINGING))
     assert 1.0 - ringing < 0.4 * (1.0 - rigid), (ringing, rigid)
+
+
+def test_a_response_that_ripples_about_one_is_level():
+    """An echo of a tenth after 4 ms: its gain is 0.9 to 1.1, once every 250 Hz; with a low-pass behind it falls."""
+
+    def echo(values, force, acceleration, rate):
+        late = round(0.004 * rate)
+        both = acceleration + 0.1 * np.pad(acceleration, [(0, 0)] * (acceleration.ndim - 1) + [(late, 0)])[..., :-late]
+        share = -math.expm1(-2.0 * math.pi * values[0] / rate)
+        return force, lfilter([share], [1.0, share - 1.0], both, axis=-1)
+
+    term = Response("echo", (), law=echo)
+    none, corner = np.array([1e6]), np.array([6000.0])
+    assert np.ptp(np.abs(response(term, none, np.linspace(100.0, 4000.0, 400)))) > 0.15
+    assert kind_of_response(term, none, 25600.0) == LEVEL
+    assert kind_of_response(term, corner, 25600.0) == FALLING
