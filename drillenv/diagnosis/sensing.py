@@ -41,6 +41,7 @@ OVERTONES = (1, 2, 3, 4, 5)
 GAINS = 2 * len(SLOW_CORNERS)
 """Of a high-pass, by channel and corner."""
 ACCELEROMETER, CELL, FORCE_LAG = "accelerometer response", "load cell response", "force lag"
+HIGH_PASS, OFFSET = "high-pass", "offset"
 RISING, FALLING, LEVEL = RESPONSES = "rising response", "falling response", "level response"
 """What the free response of an accelerometer may be."""
 
@@ -475,7 +476,7 @@ def added(
 ) -> Added:
     """A constant on each channel of these recordings, or lines of multiples of a frequency in Hz, as ``Added``."""
     # terms of a model are told apart by name, and a free law may correct the library's equation
-    what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else ("offset", 5)
+    what, stage = (f"hum {'near ' if first else ''}{frequency:g} Hz", 4) if orders else (OFFSET, 5)
     changes = " that swells" if orders else " that drifts"
     what += changes if degree else " with overtones" if len(orders) == len(OVERTONES) else ""
     effect = mechanism_of_law("hum") if first else ""
@@ -511,18 +512,24 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     for free, law, widths, at in table:
         name = mechanism_of_law(free)
         found.append(Response(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, name, law))
-    coupled = mechanism_of_law("high-pass")
+    coupled = mechanism_of_law(HIGH_PASS)
     corners = _own(coupled, {"corner_f": 0.05, "corner_a": 0.05}, {"corner_f": 0.5, "corner_a": 0.5})
     found.append(Coupling(coupled, (*corners, *_charges(names)), 3, effect=coupled, names=tuple(names)))
-    hum, offset = mechanism_of_law("hum"), mechanism_of_law("offset")
+    hum, offset = mechanism_of_law("hum"), mechanism_of_law(OFFSET)
     found += [added(names, line, (1,), *_own(hum, {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
     zero = _own(offset, {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
     return [*found, Added(offset, zero, 5, effect=offset), replace(added(names), name="own offsets", effect=offset)]
 
 
 def contains(family: Family, other: Family) -> bool:
-    """Whether a family is any response of one channel, and the other its delay against the other channel."""
+    """Whether a family's free law has another's as a part or as a limit.
+
+    Any response of one channel has its delay against the other; and coupled channels whose charges do not fade have
+    offsets.
+    """
     names, others = ({term.name for term in each.terms} for each in (family, other))
+    if HIGH_PASS in names:
+        return other.group == OFFSET
     return not names.isdisjoint((ACCELEROMETER, CELL)) and FORCE_LAG in others
 
 
@@ -536,12 +543,12 @@ def sensor_families(names: Sequence[str], rate: float, lines: Collection[float] 
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
         ("load cell", " with a response of its own", free_cell(_resonators(8, rate))),
-        ("offset", "", added(names)),
-        ("offset", " that drifts", added(names, degree=1)),
+        (OFFSET, "", added(names)),
+        (OFFSET, " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
         *(("hum", f" {line:g} Hz with overtones", added(names, line, OVERTONES)) for line in (50.0, 60.0)),
         *(("hum", f" {line:g} Hz that swells", added(names, line, (1,), degree=2)) for line in lines),
-        ("high-pass", "", HighPass("high-pass", (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
+        (HIGH_PASS, "", HighPass(HIGH_PASS, (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
         ("crosstalk", "", Response("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]
     known = {ACCELEROMETER: mechanism_of_law(RISING)}

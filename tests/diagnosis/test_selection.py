@@ -128,12 +128,19 @@ def test_a_part_of_a_measured_law_is_no_mechanism_beside_it(monkeypatch, gain, e
     assert accept(before, family, after, 1, lambda _: None, [step("response", 1e5, equation)]).corrects == corrects
 
 
-def test_the_delay_that_a_free_response_has():
+@pytest.mark.parametrize(
+    ("part", "containing"),
+    [
+        ("lag", ["accelerometer response", "load cell with a response of its own"]),
+        ("offset", ["high-pass"]),
+        ("offset that drifts", ["high-pass"]),
+        ("load cell", []),
+    ],
+)
+def test_what_a_free_law_of_sensors_contains(part, containing):
     families = {each.name: each for each in sensor_families(["r01"], 25600.0)}
-    delay = families["lag"]
-    containing = [name for name, each in families.items() if DRILL.contains(each, delay)]
-    assert containing == ["accelerometer response", "load cell with a response of its own"]
-    assert not any(DRILL.contains(delay, each) for each in families.values())
+    assert [name for name, each in families.items() if DRILL.contains(each, families[part])] == containing
+    assert not any(DRILL.contains(families[part], each) for each in families.values())
 
 
 def test_an_equation_does_not_come_near_to_a_simpler_one_that_is_singular():
