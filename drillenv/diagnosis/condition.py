@@ -40,8 +40,8 @@ ROLL_OFF, LOBES = 0.5, 6
 """Of the filter by which a recording is thinned: the excess of its band, and samples on either side that it takes."""
 LONGEST_LAG = 1e-3
 """Seconds by which a channel may lag to be told at once."""
-EVIDENT, APART = 2.0, 1.0
-"""Samples that a lag has at least to be told at once, and by which those of the recordings differ at most."""
+EVIDENT = 1.0
+"""Samples that a lag has at least to be told at once."""
 RESOLUTION = 1e-4
 """Of a channel's standard deviation, the least noise that it is judged by: no sensor of a rig is better."""
 TOUCH = 6.0
@@ -308,18 +308,6 @@ def lag(
     return (top - reach + peak_offset(*products[top - 1 : top + 2])) / rate
 
 
-def common_lag(data: Sequence[Conditioned], rig: Rig) -> float:
-    """Seconds by which the acceleration lags in all recordings alike, 0 where it is not several samples."""
-    lags = []
-    for each in data:
-        force, acceleration = each.force, each.acceleration
-        angle = each.phase + each.omega * np.arange(force.size) / each.rate
-        lags.append(lag(rig, each.setting, force, acceleration, angle, each.rate))
-    usual, sample = float(np.median(lags)), max(1.0 / each.rate for each in data)
-    alike = np.max(np.abs(np.array(lags) - usual)) <= APART * sample
-    return usual if alike and abs(usual) >= EVIDENT * sample else 0.0
-
-
 def contacts(force: np.ndarray, noise: float) -> np.ndarray:
     """(m, 2) first sample on the rock and first sample off it again, for each contact that the force shows.
 
@@ -405,10 +393,14 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
 
 
 def conditioned(recordings: Sequence[Recording], rig: Rig) -> list[Conditioned]:
-    """Recordings prepared, with one guess of how late the acceleration is in all of them."""
-    data = [condition(each, rig) for each in recordings]
-    late = common_lag(data, rig)
-    return data if late == 0.0 else [condition(each, rig, late) for each in recordings]
+    """Recordings prepared, the states guessed by an acceleration that is as late as the balance of each says."""
+    data = []
+    for recording in recordings:
+        made = condition(recording, rig)
+        angle = made.phase + made.omega * np.arange(made.force.size) / made.rate
+        late = lag(rig, made.setting, made.force, made.acceleration, angle, made.rate)
+        data.append(condition(recording, rig, late) if abs(late) * made.rate >= EVIDENT else made)
+    return data
 
 
 def without_unusable(campaign: Campaign, rig: Rig) -> tuple[Campaign, list[str]]:
