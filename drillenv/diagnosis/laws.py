@@ -351,6 +351,8 @@ class Family:
     """Frequencies of which its own is the best."""
     constant: str = ""
     """A constant of the paper's model that need not be as stated: no mechanism is missing, and there is no term."""
+    least: float = 0.0
+    """Below which its largest parameter is within what sensors are off anyway, in its unit."""
 
     @property
     def mechanism(self) -> str:

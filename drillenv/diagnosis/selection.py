@@ -275,6 +275,7 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
         found = refine_candidates(fitted, resonant, say, fits[0][1] if fits else None)
         fits += [(each, other) for each, other in found if strength_shows(each.family, other)]
         fits.sort(key=lambda pair: penalised(*pair, fitted))
+    fits = [(each, other) for each, other in fits if is_material(each.family, other)]
     if not fits:
         return None
     best, found = fits[0]
@@ -283,6 +284,11 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
     step = accept(fitted, best.family, found, best.size, say, steps)
     step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
+
+
+def is_material(family: Family, fitted: Fitted) -> bool:
+    """Whether a family's parameters in a fit are beyond what sensors are off anyway, where it says by how much."""
+    return family.least == 0.0 or float(np.abs(fitted.values_of(family.terms[0].name)).max()) >= family.least
 
 
 def strength_shows(family: Family, fitted: Fitted) -> bool:

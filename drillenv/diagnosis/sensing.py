@@ -20,7 +20,7 @@ from scipy.signal import cont2discrete, oaconvolve
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import OperatingPoint, Term, Unknown, mean_amplitude
-from drillenv.diagnosis.thresholds import NOT_LEVEL
+from drillenv.diagnosis.thresholds import NOT_LEVEL, SKEW
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.rig import PUSH
 
@@ -553,4 +553,8 @@ def sensor_families(names: Sequence[str], rate: float, lines: Collection[float] 
     ]
     known = {ACCELEROMETER: mechanism_of_law(RISING)}
     said = {"crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled."}
-    return [Family(law + more, law, (term,), known.get(law, ""), said.get(law, "")) for law, more, term in found]
+    least = {"lag": SKEW}
+    return [
+        Family(law + more, law, (term,), known.get(law, ""), said.get(law, ""), least=least.get(law, 0.0))
+        for law, more, term in found
+    ]

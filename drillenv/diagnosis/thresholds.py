@@ -41,6 +41,8 @@ SURELY = 0.1
 RESOLVED = 5e-4
 """Of what the channels read, root mean square: what changes them by less is not told from errors of the sensors, whose
 linearity is 0.05 % at best. Noise that is not quite as it is estimated gains as much in long recordings."""
+SKEW = 2e-6
+"""Seconds by which channels of a logger may be apart: their filters delay by some 1e-4 s, to a hundredth or two."""
 TINY = 2e-3
 """Of the force, root mean square: what explains less is no physics that anybody misses."""
 SLIGHT = 0.01

@@ -143,6 +143,18 @@ def test_what_a_free_law_of_sensors_contains(part, containing):
     assert not any(DRILL.contains(families[part], each) for each in families.values())
 
 
+@pytest.mark.parametrize(("delays", "material"), [((1e-6, -1.5e-6), False), ((1e-6, -3e-6), True)])
+def test_a_delay_that_filters_of_channels_have_anyway_is_no_mechanism(delays, material):
+    """Where a family says from what size on its largest parameter counts."""
+    family = next(each for each in sensor_families(["r01", "r02"], 25600.0) if each.name == "lag of each recording")
+    term = family.terms[0]
+    structure = ModelStructure((term,), FLAT, DRILL)
+    fitted = Fitted(structure, [], Fake(shared=np.array(delays) / term.widths))  # type: ignore[arg-type]
+    assert selection.is_material(family, fitted) == material
+    offset = next(each for each in sensor_families(["r01"], 25600.0) if each.name == "offset")
+    assert selection.is_material(offset, fitted)
+
+
 def test_an_equation_does_not_come_near_to_a_simpler_one_that_is_singular():
     """Dry friction rounded over no speed, whose derivative no motion has."""
     forms = {each.form.name: each for each in equations([INDENTER], ["indenter_bristles", "indenter_grip"])}
