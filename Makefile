@@ -9,6 +9,9 @@ NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON ?= $(shell for p in $(CANDIDATES); do $$p -c '$(NEW_ENOUGH)' >/dev/null 2>&1 && echo $$p && break; done)
 INSTALL := $(BIN)/python -m pip install -qq --no-compile --no-input --disable-pip-version-check --progress-bar off
 
+# what the tests of a file share is made, and what they compile is compiled, by one worker; tests/conftest.py orders the files
+PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
+
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
 .PHONY: help demo docs test test-fast package lint bench clean
@@ -40,10 +43,10 @@ test test-fast: export OPENBLAS_NUM_THREADS = 1
 test test-fast: export OPENBLAS_CORETYPE = Haswell
 
 test: $(VENV)/dev.stamp
-	@$(BIN)/pytest -n $(JOBS) --dist loadgroup
+	@$(BIN)/pytest $(PARALLEL)
 
 test-fast: $(VENV)/dev.stamp
-	@$(BIN)/pytest -n $(JOBS) --dist loadgroup -m "not slow"
+	@$(BIN)/pytest $(PARALLEL) -m "not slow"
 
 package: $(VENV)/dev.stamp
 	@DRILLENV_THOROUGH=1 $(BIN)/pytest tests/test_package.py

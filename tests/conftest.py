@@ -8,6 +8,9 @@ import pytest
 
 import drillenv
 
+LONGEST = ("diagnosis", "training", "controllers", "atlas", "blind", "docs")
+"""Folders of tests, by the time that a file of them takes."""
+
 
 def pytest_configure(config) -> None:
     """Drop compiled kernels older than any kernel source: numba sees a file change, but not its imports."""
@@ -23,7 +26,7 @@ def pytest_configure(config) -> None:
 
 def pytest_collection_modifyitems(items) -> None:
     """Leave out what is thorough unless it is asked for; what takes longest begins first, lest a worker ends alone."""
-    items.sort(key=lambda item: item.path.parent.name != "training")
+    items.sort(key=lambda item: LONGEST.index(item.path.parent.name) if item.path.parent.name in LONGEST else 99)
     if os.environ.get("DRILLENV_THOROUGH") == "1":
         return
     for item in items:

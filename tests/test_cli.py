@@ -269,6 +269,7 @@ def test_sweep_over_each(run, over, first, last, step):
     assert over not in told
 
 
+@pytest.mark.slow
 def test_atlas_is_written(run):
     options = ["atlas", "--rock", "4,2", "--points", "2", "2", "2", "--starts", "1", "--out", "atlas.nc"]
     options += ["--plot", "map.png"]
@@ -415,6 +416,7 @@ def test_bad_input_is_refused_in_one_line(arguments, capsys, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["motion", *SETTING, "--bogus"], [*GOOD_SIMULATE, "--out", "missing/run.csv"]])
 def test_exit_code_of_the_process(arguments):
     done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True)
@@ -485,6 +487,7 @@ def test_interrupt(capsys, monkeypatch):
     assert capsys.readouterr().err == "drillenv: interrupted\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_interrupt_while_writing_leaves_no_file(tmp_path):
     arguments = ["simulate", *SETTING, "--seconds", "120", "--sample-rate", "1e5", "--out", "run.csv"]
@@ -503,6 +506,7 @@ def test_interrupt_while_writing_leaves_no_file(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="pipes")
 def test_closed_pipe_is_quiet():
     arguments = ["simulate", *SETTING, "--seconds", "60", "--sample-rate", "100", "--json"]
@@ -515,6 +519,7 @@ def test_closed_pipe_is_quiet():
     assert process.returncode == 141
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
 def test_full_disk_is_one_line():
     with open("/dev/full", "w", encoding="utf-8") as full:

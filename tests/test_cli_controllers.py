@@ -25,6 +25,7 @@ def run(folder, *arguments, missing=()):
     return done.stdout, lines[:-1], *json.loads(lines[-1])
 
 
+@pytest.mark.slow
 def test_help_of_all_is_light(tmp_path):
     run(tmp_path, "--help")
     out, _, code, seconds, loaded = min((run(tmp_path, "--help") for _ in range(3)), key=lambda each: each[3])
@@ -33,6 +34,7 @@ def test_help_of_all_is_light(tmp_path):
         assert name in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["league", "train", "export", "film", "record"])
 def test_help_needs_no_torch(name, tmp_path):
     out, said, code, _, loaded = run(tmp_path, name, "--help")
@@ -40,12 +42,14 @@ def test_help_needs_no_torch(name, tmp_path):
     assert "--out" in out or (name == "league" and "--controllers" in out)
 
 
+@pytest.mark.slow
 def test_the_league_needs_no_torch(tmp_path):
     short = ["--controllers", "fixed", "shipped", "--scenario", "validation", "--episodes", "1", "--steps", "2"]
     out, _, code, _, loaded = run(tmp_path, "league", *short, "--threads", "1")
     assert code == 0 and "torch" not in loaded and "| shipped |" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("missing", "arguments", "said"),
     [

@@ -52,6 +52,7 @@ def said(code, terminal):
     return found.decode()
 
 
+@pytest.mark.slow
 def test_a_terminal_is_told_once_and_a_pipe_is_not():
     code = CODE.format(announce="announce()\nannounce()")
     assert said(code, True).splitlines() == [f"drillenv: {MESSAGE}"]
@@ -84,6 +85,7 @@ def test_help_that_fails_is_done_without():
         wait()
 
 
+@pytest.mark.slow
 def test_a_process_that_forgoes_help_gets_none(tmp_path):
     made = tmp_path / "made"
     code = f"""

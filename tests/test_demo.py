@@ -25,6 +25,7 @@ def test_the_page_leads_to_everything(tmp_path):
             assert line in text
 
 
+@pytest.mark.slow
 def test_a_part_that_fails_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "PARTS", (Part("film", (("film", "--controllers", "nobody", "--out", "film.gif"),)),))
     with pytest.raises(InputError, match=r"drillenv film --controllers nobody .* ended with the code 2: see") as caught:

@@ -35,6 +35,7 @@ def test_import_is_light(tmp_path):
     assert not set(HEAVY) & set(runs[0][1])
 
 
+@pytest.mark.slow
 def test_command_line_is_light(tmp_path):
     code = IMPORT.replace("import drillenv\n", "import drillenv, drillenv.cli\n")
     fresh(code, tmp_path)  # the same
@@ -59,6 +60,7 @@ def test_names_are_those_of_their_modules():
     assert drillenv.rock(4) is drillenv.ROCKS[4]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "code",
     [

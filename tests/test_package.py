@@ -22,7 +22,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 VERSION = PROJECT["project"]["version"]
 OLDEST, NEWEST = 11, 14
 """Of Python 3."""
-pytestmark = pytest.mark.xdist_group("package")  # the archives are built once
 
 
 def test_every_folder_of_code_is_installed():

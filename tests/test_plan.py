@@ -84,6 +84,7 @@ def test_information_is_what_a_recording_loses(name, share, weak, monkeypatch):
     assert left == pytest.approx(0.5 * share**2 * information, rel=0.1)
 
 
+@pytest.mark.slow
 def test_judged_sets_grow_better(found):
     judge = Judge(found)
     running = [i for i, each in enumerate(found.candidates) if not each.fresh]
@@ -147,6 +148,7 @@ def test_an_effect_that_the_model_has_is_planned_no_more(found):
     assert "contact-toe" in names
 
 
+@pytest.mark.slow
 def test_with_effects_of_a_model():
     site = replace(SITE, effects=(make("contact-rate", chi=0.3), make("rock-mount-compliance", s_r=1e-8, m_r=40.0)))
     made = survey(site, [(SETTINGS[4], "running"), (SETTINGS[7], "fresh")], 0, quiet)

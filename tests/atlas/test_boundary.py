@@ -141,6 +141,7 @@ def test_boundary_of_a_coexisting_motion():
     assert found.value == pytest.approx(109.2701627, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_every_change_along_a_sweep():
     swept = sweep(CENTRE, "frequency", 96.0, 112.0, 0.2)
     found = boundaries(swept)

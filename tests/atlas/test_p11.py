@@ -27,6 +27,7 @@ from drillenv.dynamics.orbits import M_IMPACTS, MOTION_SIZE, PERIOD, find_motion
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import rock as rock_of
 
+pytestmark = pytest.mark.slow  # most need an atlas
 # around the fold of case 4 and the second contact of case 1
 AXES = {"frequency": [86.0, 110.0, 120.0], "amplitude": [0.36, 0.45, 0.6], "pressure": [0.8, 1.0, 1.25]}
 CASES = [1, 4]
@@ -342,13 +343,11 @@ def test_ray_missing(monkeypatch):
     one_line(caught)
 
 
-@pytest.mark.slow
 def test_ray_gives_the_same(small):
     pytest.importorskip("ray")
     xarray.testing.assert_identical(atlas(CASES, **AXES, starts=3, seed=5, cluster="local"), small)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:x", "127.0.0.1:99999", "nonsense"])
 def test_no_ray_cluster_at_the_address(address):
     pytest.importorskip("ray")

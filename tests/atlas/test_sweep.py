@@ -158,6 +158,7 @@ def test_csv(across, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 def test_plots(across, tmp_path):
     for name, peaks, begins in (("a.png", "acceleration", b"\x89PNG"), ("b.pdf", "force", b"%PDF")):
         across.plot(tmp_path / name, peaks)

@@ -58,6 +58,7 @@ def test_a_body_moves_as_scipy_says(card):
     assert np.max(np.abs(mine.velocity[::40] - made.y[1])) < 1e-5 * np.max(np.abs(made.y[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODY_MECHANISMS)
 def test_every_equation_acts_and_the_answer_has_its_curve(name):
     equations = BODY_MECHANISMS[name].equations

@@ -53,6 +53,7 @@ def test_imports_nothing_of_the_engines_and_the_diagnosis(path):
         assert not name.startswith("drillenv.cli") or path.stem == "confined"
 
 
+@pytest.mark.slow
 def test_making_a_campaign_loads_neither_engines_nor_diagnosis(tmp_path):
     code = (
         "import sys, numpy as np\n"
@@ -100,6 +101,7 @@ def test_a_process_that_peeks_is_ended(code, tmp_path):
     assert "peeked:" in said
 
 
+@pytest.mark.slow
 def test_a_process_that_does_not_peek_goes_on(tmp_path):
     (tmp_path / "own").write_text("mine")
     code = "import h5py, scipy.signal, numba\nassert open('own').read() == 'mine'\nopen('out', 'w').write('done')"

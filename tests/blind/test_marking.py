@@ -298,6 +298,7 @@ def test_detection_curves_as_a_table():
     assert rows[2] == "| never | contact | above 20 N | 0 of 1 | 0 of 1 |"
 
 
+@pytest.mark.slow
 def test_nothing_is_missing_in_a_trial_of_false_alarms():
     listed = plan_nulls(1, 5)
     assert [each.group for each in listed] == ["null", "wrong-constant", "null", "wrong-constant", "null"]

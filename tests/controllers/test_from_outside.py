@@ -63,6 +63,7 @@ def drillenv(project):
     return run
 
 
+@pytest.mark.slow
 def test_a_class_and_an_entry_point_have_rows_of_their_own(drillenv, project):
     wanted = ["rules", "my-rules", "my_lab.rules:Mine", "own=controllers:Mine", "own=my_lab.rules:Seeing"]
     files = ["--json", "record.json", "--table", "table.md"]
@@ -87,6 +88,7 @@ def test_a_class_and_an_entry_point_have_rows_of_their_own(drillenv, project):
     assert set(again["summary"]["rows"]) == {"fixed", *record["runs"]}
 
 
+@pytest.mark.slow
 def test_all_means_those_that_are_installed_too(drillenv):
     done = drillenv("league", "--controllers", "all", *SHORT)
     assert done.returncode == 2
@@ -101,6 +103,7 @@ def test_a_film_of_it(drillenv, project):
     assert (project / "film.gif").read_bytes()[:3] == b"GIF"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "said"),
     [

@@ -112,6 +112,7 @@ def test_without_wear_and_heat_the_plan_is_the_cheapest_setting_of_each_layer():
     assert value[0, 0, 0, 0] == pytest.approx(float(np.dot(cheapest, thickness)), rel=0.02)
 
 
+@pytest.mark.slow
 def test_more_to_choose_from_never_costs_more():
     task, holes = hole_task()
     ph = physics_of(task, holes[1])
@@ -148,6 +149,7 @@ def test_who_knows_the_hole_drills_it_cheapest():
     assert mean["rules"] < mean["fixed"]
 
 
+@pytest.mark.slow
 def test_the_price_of_wear_and_metres_decides_on_a_greedy_one():
     """Paid 600 EUR a metre it hurries; at what a metre costs it is nearly as cheap as the plan to the bottom."""
     paid, priced, plans = (

@@ -384,6 +384,7 @@ def check_null(seed):
     return diagnose_body(campaign_of(made, estimated=(seed // 12) % 4 == 3)).verdict
 
 
+@pytest.mark.slow
 def test_a_few_bodies_with_nothing_missing_agree():
     assert [check_null(seed) for seed in (0, 2)] == ["agrees"] * 2
 
@@ -620,6 +621,7 @@ def test_a_spring_is_as_it_is_where_recordings_have_been():
     assert kinds_by(lambda x: x**3 - 40.0 * np.maximum(1.0 - x, 0.0) ** 2, x, lambda x: 1.0 * (x > 1.0)) == (HARDENING,)
 
 
+@pytest.mark.slow
 def test_the_same_campaign_gets_the_same_answer_in_the_report_format():
     campaign = campaign_of(body_of(np.random.default_rng(5), "axis"), estimated=True)
     first, second = diagnose_body(campaign), diagnose_body(campaign)
@@ -696,6 +698,7 @@ def _real(name):
     return diagnose_body(campaign, check_quality(campaign)).record
 
 
+@pytest.mark.slow
 def test_emps_has_dry_friction():
     """Against the constants that A. Janot, M. Gautier and M. Brunot (2019) publish with the data."""
     record = _real("emps")
@@ -714,6 +717,7 @@ def test_emps_has_dry_friction():
     assert held["after"] / held["force"] < 0.08
 
 
+@pytest.mark.slow
 def test_cyberdiver_is_damped():
     """Against what its authors programmed."""
     record = _real("cyberdiver-a")

@@ -14,7 +14,7 @@ from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.drill_diagnosis import Outcome, nominal_rig
 from drillenv.diagnosis.report import diagnose
 
-pytestmark = pytest.mark.xdist_group("bookkeeping")  # its campaigns take a minute to make: once is enough
+pytestmark = pytest.mark.slow  # its campaigns take most of the time
 SITE = Site(drive=600.0, frequency=110.0)
 CONCEALED = ("contact-rate", "contact-toe", "damping-quadratic", "drive-droop", "rock-compaction", "sensor-offset")
 
@@ -118,7 +118,6 @@ def test_a_start_says_nothing_of_the_pressure():
     assert with_labels_corrected(campaign)[1] == []
 
 
-@pytest.mark.slow
 def test_a_wrong_pressure_does_not_make_a_verdict(campaigns):
     """Small errors are told by the fit, large ones by the mean force."""
     campaign = campaigns[0]
@@ -132,7 +131,6 @@ def test_a_wrong_pressure_does_not_make_a_verdict(campaigns):
         assert any(entry["recording"] in remark for remark in record["remarks"])
 
 
-@pytest.mark.slow
 def test_a_recording_that_alone_disagrees_is_set_aside():
     """One whose accelerometer was turned up by a tenth and a half, which no label says."""
     campaign = made_with(None, 0, recordings=6, seconds=0.2)

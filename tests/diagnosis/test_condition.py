@@ -119,6 +119,7 @@ def test_an_indenter_that_is_pressed_on_lightly_does_not_fly():
     assert all(force[first:after].mean() < 3.0 for first, after in found)
 
 
+@pytest.mark.slow
 def test_states_are_guessed_by_the_lag_of_each_recording():
     """Recordings of the same motion, whose accelerations come late by as much, by something else and not at all."""
     rig, made = Rig(), []

@@ -145,6 +145,7 @@ def test_long_recordings_are_shortened(tmp_path, monkeypatch):
     assert set(report.record["inputs"]) == {"campaign.json", "r01.csv", "r02.csv", "r03.csv", "r04.csv"}
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_used_the_faults_are_said(campaign):
     dead = campaign
     for each in campaign.recordings:

@@ -61,6 +61,7 @@ def portmanteau(series: np.ndarray, lags: int = 20) -> float:
     return float(stats.chi2.sf(total, lags))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 2, 3])
 def test_level_of_white_noise_is_unbiased_even_under_ten_times_its_power_of_periodic_misfit(order):
     errors = []
@@ -93,6 +94,7 @@ def test_a_corner_is_seldom_found_in_white_noise():
     assert sum(found) <= 4  # 1 % are expected; with 2 %, 5 or more come up in one case of twenty
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["white", "pink", "lines"])
 def test_whitened_noise_is_white_with_variance_one(kind):
     p_values, squares = [], []

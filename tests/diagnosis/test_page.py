@@ -483,6 +483,7 @@ def test_lengths_that_differ_are_said():
         page("t", BARE, [wave])
 
 
+@pytest.mark.slow
 def test_what_draws_is_imported_late():
     code = (
         "import sys, drillenv.diagnosis.page\n"

@@ -125,6 +125,7 @@ def van_der_pol(mu, state, steps, h):
     return np.array(said), state
 
 
+@pytest.mark.slow
 def test_van_der_pol_by_multiple_shooting():
     h, steps, windows, noise = 0.05, 25, 8, 0.02
     pulls = []

@@ -102,6 +102,7 @@ def runs(missing, seed):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("missing", "named"),
     [

@@ -20,7 +20,6 @@ DOORS = {
     "start/my-simulation-does-not-match.html": "My simulation does not match my rig",
     "start/train-a-controller.html": "Train a controller for a drill",
 }
-pytestmark = pytest.mark.xdist_group("site")  # it is built once
 
 
 class Links(HTMLParser):

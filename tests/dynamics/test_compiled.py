@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("drillenv", "controllers", "training", "benchmarks", "tests")
 WITHOUT_WRAPPER = ("INNER", "INLINED", "ALLOCATING", "MERGED")
@@ -32,6 +34,7 @@ def called_from_python(node, names, within=False):
         yield from called_from_python(child, names, compiled)
 
 
+@pytest.mark.slow
 def test_kernels_without_a_wrapper_are_called_by_kernels_only():
     trees = dict(modules())
     inner = {

@@ -115,6 +115,7 @@ print(json.dumps([loaded, names, runs]))
 """
 
 
+@pytest.mark.slow
 def test_effects_join_the_registry_and_are_simulated(install):
     run = install("lab-rocks", "lab_effects:ONE", "lab_effects:TWO")
     loaded, names, (ours, tabulated, plain) = run(JOINED)
@@ -134,6 +135,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.slow
 def test_a_measured_law_is_reported_as_the_one_effect_that_claims_it(install):
     assert install("lab-rocks", "lab_effects:CLAIMS")(CLAIMED) == ["lab-kelvin", "damping-quadratic"]
 
@@ -170,6 +172,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.slow
 def test_a_law_and_a_term_with_a_state_are_followed(install):
     """A law in NumPy beside the same as a compiled term; a term with a state beside the effect of this package."""
     told = install("lab-rocks", "lab_effects:ONE", "lab_effects:LAW", "lab_effects:STATE")(KINDS)
@@ -218,6 +221,7 @@ def test_their_module_may_come_first(install):
     assert run(code + "print(json.dumps(REGISTRY['lab-kelvin'] is lab_effects.ONE))")
 
 
+@pytest.mark.slow
 def test_none_is_drawn_at_random(install):
     run = install("lab-rocks", "lab_effects:ONE", "lab_effects:TWO")
     code = """
@@ -241,6 +245,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "said"),
     [

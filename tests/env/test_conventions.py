@@ -73,6 +73,7 @@ def screen(monkeypatch):
     pyplot.switch_backend(before)
 
 
+@pytest.mark.slow
 @each_id
 @pytest.mark.parametrize("render_mode", [None, "rgb_array"])
 def test_gymnasiums_checker_with_rendering(identity, render_mode, screen):

@@ -50,6 +50,7 @@ def test_hidden_physics_has_one_error_unless_another_number_is_given():
     assert np.array_equal(right.rig, PAPER) and right.effects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [Task("rock", errors=2.0), Task("layers", errors=2.0), HoleTask(errors=2.0)])
 def test_constants_scatter_as_stated(task):
     rng = np.random.default_rng(1)

@@ -76,6 +76,7 @@ def test_frames_are_arrays_of_one_shape(env):
         assert (one != other).mean() > 0.005
 
 
+@pytest.mark.slow
 def test_one_seed_gives_the_same_frames_in_one_environment_and_in_another(env):
     settings = [(110, 0.45, 1.0), (60, 0.6, 1.8), (118, 0.5, 1.2), (118, 0.5, 1.2)]
     first = env("hidden")
@@ -95,6 +96,7 @@ def test_rendering_twice_changes_nothing_and_frames_are_ones_own(env):
     assert np.array_equal(made.render(), kept)
 
 
+@pytest.mark.slow
 def test_a_users_style_does_not_show(env):
     settings = [(110, 0.45, 1.0), (90, 0.6, 1.8)]
     usual = drilled(env(rock=4), settings, seed=1)
@@ -190,6 +192,7 @@ def test_the_motion_is_said_in_words():
     assert words(0, 0, 700.0, 1510.0)[0] == "no period"
 
 
+@pytest.mark.slow
 def test_the_clock_counts_and_stops_where_intervals_were_not_drawn(env):
     made = env(rock=4)
     drilled(made, [(110, 0.45, 1.0)] * 3, seed=1)
@@ -215,6 +218,7 @@ def test_the_clock_counts_and_stops_where_intervals_were_not_drawn(env):
     assert len(made._renderer._panels[-1].past) == 1
 
 
+@pytest.mark.slow
 def test_the_trail_holds_the_settings_that_were_and_starts_anew_with_an_episode(env):
     made = env(rock=4)
     drilled(made, [(110, 0.4, 0.6), (110, 0.5, 0.6)], seed=1)
@@ -224,6 +228,7 @@ def test_the_trail_holds_the_settings_that_were_and_starts_anew_with_an_episode(
     assert len(trail) == 1
 
 
+@pytest.mark.slow
 def test_rock_below_the_face_is_marked_as_not_drilled(env):
     made = env("layers")
     drilled(made, [(115, 0.5, 1.1)] * 12, seed=1)
@@ -292,6 +297,7 @@ def test_peak_forces_of_the_map_are_those_of_an_independent_solver(case, frequen
     assert shown == pytest.approx(peak, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_map_agrees_with_what_the_rig_does(env):
     record = {"loading_stiffness": 21.4e6, "unloading_stiffness": 25.05e6}
     made = env(rock=record)
@@ -405,6 +411,7 @@ def screen(monkeypatch):
     return opened
 
 
+@pytest.mark.slow
 def test_the_window_shows_the_frames_as_they_happen(screen, env):
     settings = [(110, 0.45, 1.0), (118, 0.5, 1.2)]
     seen = DrillEnv("rock", rock=4, render_mode="human")

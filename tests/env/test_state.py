@@ -192,6 +192,7 @@ for identity, n, steps in (
 """
 
 
+@pytest.mark.slow
 def test_two_processes_with_one_seed_agree(tmp_path):
     """Also with another hash seed, which orders sets anew, and with one thread."""
     runs = []
@@ -242,6 +243,7 @@ def digest_of(env, size):
     return hashlib.sha256(repr(steps_of(env, drawn_actions(3, size, seed=7))).encode()).digest()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 @pytest.mark.parametrize("context", sorted({"fork", "spawn"} & set(multiprocessing.get_all_start_methods())))
 def test_gymnasiums_processes(context):

@@ -85,12 +85,14 @@ def run_both(identity, n, mode, steps, seed=11, **arguments):
     return ended
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("identity", [IDS[0], IDS[1]])
 def test_vector_is_scalar_over_a_thousand_steps(identity, mode):
     assert run_both(identity, 3, mode, 1000, max_episode_steps=29) > 80
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
     "arguments",

@@ -49,6 +49,7 @@ def six():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", sorted(TABLE))
 def test_the_six_rocks_come_back(six, case):
     truth, test = six[case]
@@ -60,6 +61,7 @@ def test_the_six_rocks_come_back(six, case):
         assert stable.low <= np.mean(truth[way][early:]) <= stable.high
 
 
+@pytest.mark.slow
 def test_each_indentation_and_factor_of_the_six_rocks_comes_back(six):
     """Together, since the indentations of a curve share the error of its drift."""
     stiffness, factors = [], []
@@ -76,6 +78,7 @@ def test_each_indentation_and_factor_of_the_six_rocks_comes_back(six):
     assert np.mean(factors) >= 0.85
 
 
+@pytest.mark.slow
 def test_no_growth_is_found_where_there_is_none():
     rng = np.random.default_rng(11)
     found = [find_phases(20e6 + 0.5e6 * rng.standard_normal(10), np.full(10, 1e5)).early for _ in range(100)]

@@ -19,6 +19,7 @@ def simple():
     return made, made.make(np.random.default_rng(3))[:3]
 
 
+@pytest.mark.slow
 def test_rock_file_goes_where_a_rock_goes(tmp_path, monkeypatch, capsys, simple):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "granite.csv", *simple[1])

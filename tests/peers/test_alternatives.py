@@ -126,17 +126,20 @@ def _selected(hidden, seed, settings):
     return select(parts, columns[0], settings, rng)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["contact-rate", "damping-quadratic", "indenter-friction", "guide-friction"])
 def test_a_strong_mechanism_is_named_where_the_states_are_true(name):
     assert _selected((of_library(name, **STRONG[name]),), 1, Settings()).named == [name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimiser", PATHS)
 def test_every_optimiser_finds_a_force_limit(optimiser):
     settings = Settings(optimiser=optimiser, one_shape=True, draws=5)
     assert "force-limit" in _selected((of_library("force-limit", F_max=200.0),), 2, settings).named
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_missing():
     assert _selected((), 3, Settings()).named == []
 
@@ -148,6 +151,7 @@ def _on_recordings(folder, hidden, seed):
     return made
 
 
+@pytest.mark.slow
 def test_on_recordings_a_strong_damper_is_named_and_both_corrections_help(tmp_path):
     _on_recordings(tmp_path / "campaign", (of_library("damping-quadratic", c2=1500.0),), 11)
     rng = np.random.default_rng(0)
@@ -167,6 +171,7 @@ def test_on_recordings_a_strong_damper_is_named_and_both_corrections_help(tmp_pa
     assert again.named == found.named
 
 
+@pytest.mark.slow
 def test_the_alternatives_of_a_campaign_are_marked_by_the_rules_of_the_trial(tmp_path):
     made = _on_recordings(tmp_path / "campaign", (), 12)
     answer = dict(made.answer, group="null")

@@ -114,12 +114,14 @@ def test_exact_engine_agrees_with_scipy_after_500_periods(case):
     assert_same(strobe(**call, periods=PERIODS), scipy_rig.simulate(problem, PERIODS))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [STABLE[3], STABLE[6], STABLE[12]])
 def test_exact_engine_agrees_with_scipy_after_20_periods(case):
     call, problem = arguments(case)
     assert_same(strobe(**call, periods=20), scipy_rig.simulate(problem, 20))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CHAOTIC)
 def test_exact_engine_agrees_on_chaos_up_to_the_horizon(reference, case):
     call, problem = arguments(case)

@@ -42,6 +42,7 @@ def assert_close(one, other, position, time):
         assert np.abs(getattr(one, name) - getattr(other, name)).max() < time, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_scipy_agrees_with_heyoka(rig, setting):
     problem = problem_of(setting)

@@ -135,6 +135,7 @@ def test_the_undamaged_campaigns_are_read(sound):
     assert [outcome(sound / file_format) for file_format in FORMATS] == ["read"] * 5
 
 
+@pytest.mark.slow
 def test_two_hundred_damaged_campaigns(sound, tmp_path, capfd):
     counts = fuzz(sound, tmp_path, capfd, range(200))
     assert counts["refused"] > 100

@@ -63,6 +63,7 @@ def folder(drill, tmp_path):
     return write_campaign(tmp_path / "c", "<b>made & drawn</b>", drill.rig, drill.nominal, recordings)
 
 
+@pytest.mark.slow
 def test_one_page_that_needs_nothing_else(folder, tmp_path, capsys):
     assert cli.main(["campaign", "plot", str(folder), "--out", str(tmp_path / "p.html")]) == 0
     page = (tmp_path / "p.html").read_text()
@@ -73,6 +74,7 @@ def test_one_page_that_needs_nothing_else(folder, tmp_path, capsys):
     assert "10 samples are no numbers" in page
 
 
+@pytest.mark.slow
 def test_one_picture(folder, tmp_path, capsys):
     assert cli.main(["campaign", "plot", str(folder), "--out", str(tmp_path / "p.png")]) == 0
     data = (tmp_path / "p.png").read_bytes()
@@ -80,6 +82,7 @@ def test_one_picture(folder, tmp_path, capsys):
     assert (width, height) == (1320, 2 * 660)
 
 
+@pytest.mark.slow
 def test_one_body_is_drawn_without_a_model(body, tmp_path, capsys):
     folder = write_campaign(tmp_path / "c", body.title, body.rig, body.nominal, body.recordings)
     assert modelled(read_campaign(folder), body.recordings[0], slice(0, 10)) is None

@@ -176,6 +176,7 @@ def test_faults_in_the_measured_axis(channel, factor, shared, spoil, samples_of)
         assert found == {("r01", "unit", "force, position"), ("r02", "unit", "force, position")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", ["position", "velocity", "acceleration"])
 def test_faults_in_the_measured_impactor(channel, shared, spoil, samples_of):
     campaign = read_campaign(shared / "real" / "cyberdiver-a")

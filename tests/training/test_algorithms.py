@@ -28,6 +28,7 @@ def recipe_of(algo, **change):
     return Recipe(algo=algo, **{"env": "drillenv/Drill-v0", "layers": (16,), "episodes": 2} | PLAIN[algo] | change)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", PLAIN)
 def test_a_run_gives_a_policy_for_controllers_and_a_model(algo, tmp_path):
     result = train.train(recipe_of(algo, evaluate_every=32, seed=5), 64, tmp_path / "run", quiet=True, threads=1)
@@ -69,6 +70,7 @@ def test_it_is_the_library_s_own_on_the_environment_as_it_is(algo):
     learner.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kwargs", [{}, {"observations": "window", "actions": "increment"}])
 def test_plain_ppo_goes_on_exactly(tmp_path, kwargs):
     recipe = recipe_of("ppo", evaluate_every=64, seed=7, env_kwargs=kwargs)

@@ -369,6 +369,7 @@ def test_the_command_writes_record_and_table(tmp_path, capsys):
     assert league_table(record) in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_page_and_its_figure_are_made_by_one_command(tmp_path, capsys, monkeypatch):
     names = ("test", "constants")
     places = "".join(f"<!-- league {name} -->\n<!-- end league {name} -->\n" for name in names)

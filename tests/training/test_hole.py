@@ -42,6 +42,7 @@ def test_costs_are_those_of_single_holes(make):
         assert costs[episode] == info["cost_per_metre"]
 
 
+@pytest.mark.slow
 def test_a_search_finds_no_worse_and_keeps_it(tmp_path, capsys):
     file = tmp_path / "best.json"
     assert hole_search.main(["fixed", "--candidates", "3", "--episodes", "2", "--json", str(file)]) == 0

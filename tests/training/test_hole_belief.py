@@ -127,6 +127,7 @@ def test_what_ships_knows_more_of_a_bit_than_can_be_reckoned():
     assert errors["log_stiffness"] < 0.1
 
 
+@pytest.mark.slow
 def test_training_writes_weights_that_are_read_and_the_same_again(tmp_path, monkeypatch, capsys):
     files = [tmp_path / "a.npz", tmp_path / "b.npz"]
     for file in files:

@@ -46,6 +46,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_everybody_gets_a_row(folder, capsys):
     wanted = ["all", "my_holes:Mine", "mine=my_holes:Mine", "own=my_holes:Seeing", "one=policy-0"]
     files = ["--json", "record.json", "--table", "table.md"]
@@ -134,6 +135,7 @@ def test_an_action_that_is_none_is_refused(folder, monkeypatch):
         evaluate({"oracle": three}, "validation", 1, 2)
 
 
+@pytest.mark.slow
 def test_the_published_table_is_that_of_its_record_and_its_cheap_rows_are_current():
     record = json.loads((PUBLISHED / "headroom-bit.json").read_text(encoding="utf-8"))
     assert table(record) in (PUBLISHED / "README.md").read_text(encoding="utf-8")

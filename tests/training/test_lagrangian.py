@@ -138,6 +138,7 @@ def test_a_run_says_return_cost_and_multiplier_and_is_exported(tmp_path, capsys)
     assert isinstance(PPO.load(out / "last.zip", device="cpu"), PPO)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prepared", [False, True])
 def test_it_goes_on_exactly(tmp_path, prepared):
     recipe = Recipe(**SMALL, prepared=prepared, evaluate_every=128, seed=7, multiplier_rate=0.3)

@@ -302,6 +302,7 @@ def test_algorithms_learn_on_it(algorithm):
         assert one.tobytes() == other.tobytes()
 
 
+@pytest.mark.slow
 def test_only_training_knows_torch():
     """The environments do without it: nothing of drillenv imports what only training needs."""
     code = (

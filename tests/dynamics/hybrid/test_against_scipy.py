@@ -302,10 +302,9 @@ QUICK = ("air-spring", "contact-rate", "guide-friction", "rock-compaction", "tab
 
 
 def each_of(cases):
-    """The cases as parameters, each where its peer is solved already; all but a handful are slow."""
+    """The cases as parameters; all but a handful are slow."""
     slow = {True: (), False: (pytest.mark.slow,)}
-    marked = [(case, (*slow[case.id in QUICK], pytest.mark.xdist_group(f"scipy {case.id}"))) for case in cases]
-    return pytest.mark.parametrize("case", [pytest.param(case, id=case.id, marks=marks) for case, marks in marked])
+    return pytest.mark.parametrize("case", [pytest.param(e, id=e.id, marks=slow[e.id in QUICK]) for e in cases])
 
 
 # --- Comparison
@@ -350,7 +349,7 @@ def test_every_effect_that_moves_the_rig_is_here():
     assert {case.effect for case in CASES} == wanted
 
 
-@pytest.mark.xdist_group(f"scipy {CASES[0].id}")
+@pytest.mark.slow
 def test_peer_has_converged():
     case = CASES[0]
     rough, fine = _peer(case.id), solved(case, rtol=1e-13, max_step=5e-5)

@@ -95,6 +95,7 @@ def compare(run, peer, tolerance):
     assert np.max(np.abs(np.array(ours) - [*z, xf])) < tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "case", "periods"),
     [(Setting(50.0, 0.45, 1.0), 4, 50), (Setting(120.0, 0.40, 1.0), 2, 50), (Setting(90.0, 0.45, 1.4), 4, 50)],
