@@ -221,10 +221,10 @@ def misread(recording: Followed, name: str, p: tuple[float, ...]) -> Floats:
     effect, block = LIBRARY[name], recording.estimate.block
     assert effect.measure is not None
     inside = block.inside
-    force, acceleration = recording.said[:, inside]
+    force, acceleration = recording.signals[:, inside]
     true = Channels(block.point.rate, 0.0, np.zeros_like(force), force, acceleration, block.point.fresh)
     read = effect.measure(true, true, p)
-    change = np.zeros_like(recording.said)
+    change = np.zeros_like(recording.signals)
     change[:, inside] = np.stack([read.force - force, read.acceleration - acceleration])
     return recording.sampled(change)
 

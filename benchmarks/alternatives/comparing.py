@@ -172,7 +172,7 @@ def marked(found: sparse.Found, error: float | None, seconds: float, begun: Begu
     spread = np.sqrt(np.maximum(np.diag(begun.fitted.fit.covariance), 0.0))
     unknowns = begun.fitted.structure.unknowns
     stated = {
-        unknowns[i].name: {"value": float(begun.fitted.values[i]), "std": float(spread[i] * unknowns[i].width)}
+        unknowns[i].name: {"value": float(begun.fitted.values[i]), "std": float(spread[i] * unknowns[i].scale)}
         for i in off
     }
     report = {

@@ -19,7 +19,7 @@ from drillenv.diagnosis.bookkeeping import with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, conditioned, without_unusable
 from drillenv.diagnosis.drill_diagnosis import STRETCH, held_out, nominal_rig, plain_fit
 from drillenv.diagnosis.drill_prediction import StateEstimate, chi_square, estimate_recordings
-from drillenv.diagnosis.fitting import FREE, Fitted
+from drillenv.diagnosis.fitting import RELAXED, Fitted
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import RUNNING, ModelStructure
 from drillenv.dynamics.hybrid import vector_field as V
@@ -71,16 +71,16 @@ class Followed:
     estimate: StateEstimate
 
     @cached_property
-    def said(self) -> Floats:
+    def signals(self) -> Floats:
         """(2, fine samples) force in N and acceleration in m/s^2 of the model, before the logger."""
         block, own, shared = self.estimate
-        return block.integrate(block.structure.model(shared * block.widths, block.point), own).said
+        return block.integrate(block.structure.model(shared * block.scales, block.point), own).signals
 
     @cached_property
     def left(self) -> Floats:
         """(2, n) measured less read, N and m/s^2, where both channels are judged."""
         block, own, shared = self.estimate
-        read = block.read(shared * block.widths, self.said) + block.disturbance(own)
+        read = block.read(shared * block.scales, self.signals) + block.disturbance(own)
         return (block.measured - read)[:, block.evaluation]
 
     @property
@@ -92,13 +92,13 @@ class Followed:
     def sampled(self, signals: Floats) -> Floats:
         """(2, n) fine signals as the logger writes them, where both channels are judged."""
         block, _own, shared = self.estimate
-        return block.sampled(shared * block.widths, signals)[:, block.evaluation]
+        return block.sampled(shared * block.scales, signals)[:, block.evaluation]
 
     @cached_property
     def motion(self) -> Motion:
         """States along the recording."""
         block, own, shared = self.estimate
-        unlabelled = block.structure.model(shared * block.widths, block.point)
+        unlabelled = block.structure.model(shared * block.scales, block.point)
         s, data = block.labelled(own, unlabelled).s, block.data
         path = block.integrate(unlabelled, own, path=True).path
         path = path[:, :: block.over // block.stride][:, block.evaluation]
@@ -130,9 +130,9 @@ class Followed:
         loses from one to the next, summed up, is an impulse that is missing over the shaker's mass.
         """
         block, own, shared = self.estimate
-        free = replace(block, weight=FREE)
+        free = replace(block, slack=RELAXED)
         own = free.estimate_states(shared, own)
-        model = free.structure.model(shared * free.widths, free.point)
+        model = free.structure.model(shared * free.scales, free.point)
         begin, ends = free.begun(own, model)[:, V.V1], free.integrate(model, own).ends[:, V.V1]
         lost = np.concatenate([[0.0], np.cumsum(begin[1:] - ends[:-1])])
         at = block.data.starts[:-1] - block.evaluation.start

@@ -30,7 +30,7 @@ Learned = Callable[[Floats], Floats]
 def features(recording: Followed) -> Floats:
     """(n, 14) states and inputs of the model, and what it says of both channels with their slopes."""
     motion = recording.motion
-    said = recording.sampled(recording.said)
+    said = recording.sampled(recording.signals)
     slopes = np.gradient(said, axis=1)
     return np.column_stack(
         [

@@ -31,7 +31,7 @@ class RecordingProblem:
 
     name: str
     structure: ModelStructure
-    weight: float
+    slack: float
     """By which continuity constraints are widened, where there are any."""
     noise: Any
     """The noise model by which residuals are weighed."""
@@ -50,12 +50,12 @@ class RecordingProblem:
 
     def cost(self, shared: Floats, own: Floats) -> float:
         """Negative log-likelihood; infinite where there is none."""
-        return 0.5 * float(np.sum(self.residual(shared * self.structure.widths) ** 2))
+        return 0.5 * float(np.sum(self.residual(shared * self.structure.scales) ** 2))
 
     def quadratic(self, shared: Floats, own: Floats) -> Quadratic:
         """The same with its derivatives."""
-        widths, none = self.structure.widths, np.zeros(0)
-        residual, by = self.residual(shared * widths), self.jacobian(shared * widths) * widths[:, None]
+        scales, none = self.structure.scales, np.zeros(0)
+        residual, by = self.residual(shared * scales), self.jacobian(shared * scales) * scales[:, None]
         cross = np.zeros((0, shared.size))
         return Quadratic(
             0.5 * float(residual @ residual), none, -by @ residual, np.zeros((0, 0)), cross, by @ by.T, none
@@ -65,19 +65,19 @@ class RecordingProblem:
         """Cost and own unknowns after their step, which the block may shorten; ``before`` is the cost before it."""
         return self.cost(shared, own), own
 
-    def corrected(self, shared: Floats, tried: tuple[float, Floats], before: float) -> tuple[float, Floats]:
+    def inner_steps(self, shared: Floats, tried: tuple[float, Floats], before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after such a step, with steps of their own where it made the recording worse."""
         return tried
 
     def under(
-        self, structure: ModelStructure, own: Floats, weight: float | None = None, noise: Any = None
+        self, structure: ModelStructure, own: Floats, slack: float | None = None, noise: Any = None
     ) -> tuple[Self, Floats]:
-        """The same under another model structure, weight and noise, and its own unknowns in their layout.
+        """The same under another model structure, slack and noise, and its own unknowns in their layout.
 
-        Weight and noise are as they are where None.
+        Slack and noise are as they are where None.
         """
-        weight, noise = self.weight if weight is None else weight, self.noise if noise is None else noise
-        return replace(self, structure=structure, weight=weight, noise=noise), own  # type: ignore[type-var]
+        slack, noise = self.slack if slack is None else slack, self.noise if noise is None else noise
+        return replace(self, structure=structure, slack=slack, noise=noise), own  # type: ignore[type-var]
 
     def estimate_states(self, shared: Floats, own: Floats, steps: int = 15) -> Floats:
         """Own unknowns after steps of their own."""

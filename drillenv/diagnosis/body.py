@@ -205,7 +205,7 @@ class ForceBalance(RecordingProblem):
 
     data: Stretch
     structure: ModelStructure
-    weight: float
+    slack: float
     noise: Autoregression
 
     def __post_init__(self) -> None:
@@ -259,7 +259,7 @@ class ForceBalance(RecordingProblem):
                 made[first : first + own.size] = columns_of(term, self.data.body, self.structure.axes)
             else:
                 for j, unknown in enumerate(term.unknowns):
-                    step = NUDGE * unknown.width
+                    step = NUDGE * unknown.scale
                     ahead, behind = own.copy(), own.copy()
                     ahead[j] += step
                     behind[j] -= step

@@ -17,7 +17,7 @@ from drillenv.diagnosis.body_channels import Body, prepare
 from drillenv.diagnosis.body_noise import noise_of_richest
 from drillenv.diagnosis.body_report import BodyOutcome, BodyReport, is_of_speed
 from drillenv.diagnosis.body_rig import BodyRig, Scale, axes_of_bodies, gain_of_law, law_of_body, sampling
-from drillenv.diagnosis.fitting import JOINED, Fitted, fit_to
+from drillenv.diagnosis.fitting import TIGHT, Fitted, fit_to
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.naming import Named, Tried, does_as_well, without
 from drillenv.diagnosis.scope import Scope
@@ -75,9 +75,9 @@ def diagnose_body(
             "see that its sensor was connected, or record larger motions"
         )
     with ThreadPoolExecutor(1) as pool:
-        blocks = [ForceBalance(each, begun, JOINED, cast("BodyRig", begun.rig).noise) for each in stretches]
+        blocks = [ForceBalance(each, begun, TIGHT, cast("BodyRig", begun.rig).noise) for each in stretches]
         plain = fit_to(blocks, [np.zeros(0)] * len(blocks), begun, None, pool)
-        say(f"reduced chi-square {plain.per_freedom:.3f}")
+        say(f"reduced chi-square {plain.reduced_chi_square:.3f}")
         final, steps, tested = forward(plain, say)
         final, steps = as_sums(final.refit(limits=Limits(30, 1e-3)), as_one(steps), say)
         # both by one yardstick
@@ -152,7 +152,7 @@ def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object])
         for pair in combinations(rig.equations(places) if curved else (), 2):
             if pair[0].effect == pair[1].effect or {each.name for each in pair} & {e.name for e in rest.terms}:
                 continue
-            begun = np.concatenate([start, *(np.array(e.form.starts[0]) / e.widths for e in pair)])
+            begun = np.concatenate([start, *(np.array(e.form.starts[0]) / e.scales for e in pair)])
             both = fitted.refit(replace(rest, terms=(*rest.terms, *pair)), begun)
             fewer = size - sum(len(each.unknowns) for each in pair)
             as_well = does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted.samples)
@@ -162,7 +162,7 @@ def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object])
             found.append(step)
             continue
         fitted = best[0]
-        say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.per_freedom:.4f}")
+        say(f"  {best[1][0].name} and {best[1][1].name} do as well: chi-square {fitted.reduced_chi_square:.4f}")
         for each in best[1]:
             values, others = fitted.values_of(each.name), without(fitted, (each,))
             named = Named(each.effect, each, (Tried(each, values, 0.0),))

@@ -17,7 +17,7 @@ from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
 from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, explained, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
-from drillenv.diagnosis.fitting import JOINED, Fitted
+from drillenv.diagnosis.fitting import TIGHT, Fitted
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import POINTS, law_record, quantity, with_spread
 from drillenv.diagnosis.naming import without
@@ -133,7 +133,7 @@ class BodyReport:
         """(stretches,) by how much squares of whitened rows exceed the noise, each by a fit to the others."""
         found = []
         for block, shared in zip(fitted.blocks, left_out_in_turn(fitted), strict=True):
-            found.append(float(np.sum(block.residual(shared * block.structure.widths) ** 2)) - block.samples)
+            found.append(float(np.sum(block.residual(shared * block.structure.scales) ** 2)) - block.samples)
         return np.array(found)
 
     def weigh(self, step: Step) -> Evidence:
@@ -165,11 +165,11 @@ class BodyReport:
 
     def left_share(self) -> float:
         """What is left beyond the noise, over it, in squares."""
-        return self.final.per_freedom - 1.0
+        return self.final.reduced_chi_square - 1.0
 
     def excess(self) -> float:
         """N, root mean square of what is left beyond the noise."""
-        return rms(self.final) * math.sqrt(max(1.0 - 1.0 / max(self.final.per_freedom, 1e-9), 0.0))
+        return rms(self.final) * math.sqrt(max(1.0 - 1.0 / max(self.final.reduced_chi_square, 1e-9), 0.0))
 
     @cached_property
     def off(self) -> list[str]:
@@ -298,7 +298,7 @@ class BodyReport:
             "summary": text + (f": {'; '.join(words)}." if words else "."),
             "excess": excess,
             "unit": "N",
-            "over_noise": self.final.per_freedom,
+            "over_noise": self.final.reduced_chi_square,
             "shapes": shapes,
         }
 
@@ -353,17 +353,17 @@ class BodyReport:
         x = axes.between(place, float(ends[0]), float(ends[1]), POINTS)
         straight = self.unstated(place, x)
         inside = final.indices_of(terms) + list(straight)
-        widths = final.structure.widths[inside]
+        scales = final.structure.scales[inside]
         stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
         terms = final.structure.current(terms)
 
         def curve(scaled: Floats) -> Floats:
             total, first = np.zeros(POINTS), 0
             for term in terms:
-                own = (scaled * widths)[first : first + len(term.unknowns)]
+                own = (scaled * scales)[first : first + len(term.unknowns)]
                 total = total + law_at(term, own, place, x, axes, stiffness)
                 first += own.size
-            for (i, shape), value in zip(straight.items(), (scaled * widths)[first:], strict=True):
+            for (i, shape), value in zip(straight.items(), (scaled * scales)[first:], strict=True):
                 total = total + (value - beyond[i]) * shape
             return total
 
@@ -392,7 +392,7 @@ class BodyReport:
         equation, values, _ = step.named.tried[0]
         plain = self.plain
         structure = replace(plain.structure, terms=(*plain.structure.terms, equation))
-        start = np.concatenate([plain.fit.shared, values / equation.widths])
+        start = np.concatenate([plain.fit.shared, values / equation.scales])
         return self.refitted(structure, start)
 
     def strengths(self, step: Step, fitted: Fitted) -> dict[str, Any]:
@@ -446,7 +446,7 @@ class BodyReport:
     def block_of(self, body: Body, fitted: Fitted) -> ForceBalance:
         """A whole recording under a model."""
         data = Stretch(body, body.name, body.keep, self.plain.blocks[0].data.mass)
-        return ForceBalance(data, fitted.structure, JOINED, fitted.noise[0])
+        return ForceBalance(data, fitted.structure, TIGHT, fitted.noise[0])
 
     def left_of(self, body: Body, fitted: Fitted) -> Floats:
         """(n,) N, of the rows of a recording."""
@@ -591,6 +591,6 @@ def left_out_in_turn(fitted: Fitted) -> list[Floats]:
 def rms(fitted: Fitted, shared: Sequence[Floats] | None = None) -> float:
     """N, root mean square of what is left of rows that are judged, by parameters of each block or those of the fit."""
     every = shared or [fitted.fit.shared] * len(fitted.blocks)
-    widths = fitted.structure.widths
-    left = [block.left(x * widths)[block.data.keep] for block, x in zip(fitted.blocks, every, strict=True)]
+    scales = fitted.structure.scales
+    left = [block.left(x * scales)[block.data.keep] for block, x in zip(fitted.blocks, every, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

@@ -134,7 +134,7 @@ class BodyRig(Adapter):
 
     def noise_left(self, fitted: Fitted) -> list[Autoregression]:
         """As it was, or what a model leaves that is richer than the one by which it was estimated."""
-        if fitted.per_freedom >= QUIETER:
+        if fitted.reduced_chi_square >= QUIETER:
             return fitted.noise
         left = [block.left(fitted.values) for block in fitted.blocks]
         return [autoregression(left, [block.data.keep for block in fitted.blocks], self.band)] * len(left)
@@ -389,7 +389,7 @@ class BodyRig(Adapter):
         constants = fitted.structure.terms[0]
         count = len(constants.unknowns)
         names = {each.name for each in family.terms}
-        widths = equation.widths
+        scales = equation.scales
         pairs = zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True)
         own = [(term, values) for term, values in pairs if term.name in names]
         bases, laws, blocks = [], [], fitted.blocks
@@ -406,13 +406,13 @@ class BodyRig(Adapter):
         stiffness = blocks[0].stiffness(fitted.values)
 
         def left(scaled: Floats) -> Floats:
-            p = equation.parameters(scaled * widths)
+            p = equation.parameters(scaled * scales)
             forces = [self.weighed(b, equation_force(equation.effect, p, b.data.body, stiffness)) for b in blocks]
             off = np.concatenate(forces)[::every] - law
             return off - base @ np.linalg.lstsq(base, off)[0]
 
-        low, high = (np.array([getattr(each, end) for each in equation.unknowns]) / widths for end in ("low", "high"))
-        begun = [np.clip(np.array(start) / widths, low, high) for start in equation.form.starts]
+        low, high = (np.array([getattr(each, end) for each in equation.unknowns]) / scales for end in ("low", "high"))
+        begun = [np.clip(np.array(start) / scales, low, high) for start in equation.form.starts]
         begun.sort(key=lambda start: float(np.sum(left(start) ** 2)))
         made = []
         for start in begun[: 2 * STARTS]:

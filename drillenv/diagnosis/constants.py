@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc
 
+from drillenv.corrected import RIG_CONSTANTS, ROCK_CONSTANTS
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
 from drillenv.diagnosis.terms import REACH, Model, OperatingPoint, Term, Unknown
@@ -18,16 +19,7 @@ from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig, Setting
 
-NAMES = (
-    "shaker_mass",
-    "indenter_mass",
-    "stiffness",
-    "damping",
-    "drive_gain",
-    "pressure_gain",
-    "loading_stiffness",
-    "unloading_stiffness",
-)
+NAMES = RIG_CONSTANTS + ROCK_CONSTANTS
 TRANSITION = 0.07
 """Share of the sample rate over which filters of linear phase fall from 76 % to 8 %: short ones need more, and steep
 ones act above what is fitted."""
@@ -124,4 +116,4 @@ def logger() -> Logger:
         ("logger, corner of linear phase", 0.05, 0.15),
         ("logger, width of linear phase", 0.2, 0.5),
     )
-    return Logger("logger", tuple(Unknown(name, 0.0, width, std) for name, width, std in parts))
+    return Logger("logger", tuple(Unknown(name, 0.0, scale, std) for name, scale, std in parts))

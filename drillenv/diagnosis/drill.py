@@ -18,12 +18,7 @@ from numba import njit
 from drillenv.diagnosis import drill_jacobian, drill_states
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.condition import Conditioned, thin, thinning
-from drillenv.diagnosis.coupling import (
-    closing_speed,
-    damper_force,
-    shortening,
-    spring_coordinate,
-)
+from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
 from drillenv.diagnosis.drill_unknowns import (
     AIR_AT_START,
     BENT,
@@ -47,14 +42,7 @@ from drillenv.dynamics.hybrid.model import fresh_motion
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
 from drillenv.dynamics.hybrid.sensitivity import make_variation
 from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
-from drillenv.dynamics.hybrid.vector_field import (
-    BENT1,
-    OWN,
-    V1,
-    V2,
-    Q,
-    Y,
-)
+from drillenv.dynamics.hybrid.vector_field import BENT1, OWN, V1, V2, Q, Y
 
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
@@ -113,7 +101,7 @@ class ShootingProblem(RecordingProblem):
 
     data: Conditioned
     structure: ModelStructure
-    weight: float
+    slack: float
     """By which the continuity constraints' standard deviations are widened."""
     noise: tuple[NoiseModel, NoiseModel]
     """Of force and acceleration."""
@@ -137,7 +125,7 @@ class ShootingProblem(RecordingProblem):
         # them, or costs could not be compared
         self.warm_up: int = max(int(data.starts[1] - data.starts[0]) // 2 - REACH, 0)
         """Samples of the acceleration that are judged later than those of the force."""
-        self.widths: np.ndarray = self.structure.widths
+        self.scales: np.ndarray = self.structure.scales
         self.measured: np.ndarray = np.stack([data.force, data.acceleration])
         self.coloured: bool = any(each.corner > 0.0 for each in self.noise)
         n = data.force.size
@@ -256,11 +244,11 @@ class ShootingProblem(RecordingProblem):
         return begin
 
     def under(
-        self, structure: ModelStructure, own: Floats, weight: float | None = None, noise: Any = None
+        self, structure: ModelStructure, own: Floats, slack: float | None = None, noise: Any = None
     ) -> tuple[ShootingProblem, Floats]:
-        """The same under another model structure, weight and noise, and its own unknowns in their layout."""
-        weight, noise = self.weight if weight is None else weight, self.noise if noise is None else noise
-        other = replace(self, structure=structure, weight=weight, noise=noise)
+        """The same under another model structure, slack and noise, and its own unknowns in their layout."""
+        slack, noise = self.slack if slack is None else slack, self.noise if noise is None else noise
+        other = replace(self, structure=structure, slack=slack, noise=noise)
         return other, resized(own, self.windows, states_under(structure), self.state_count(own), len(other.lines))
 
     def state_count(self, own: Floats) -> int:
@@ -282,16 +270,16 @@ class ShootingProblem(RecordingProblem):
 
     def costs(self, shared: Floats, own: Floats) -> tuple[float, Floats]:
         """The same, and (windows,) that of each window's samples and of its end."""
-        values = shared * self.widths
+        values = shared * self.scales
         model = self.structure.model(values, self.point)
         raw = self.integrate(model, own)
-        if not raw.good:
+        if not raw.completed:
             return math.inf, np.full(self.windows, math.inf)
-        full = np.zeros(raw.said.shape[1])
+        full = np.zeros(raw.signals.shape[1])
         off, precision = self.beliefs(own)
         # states from which a motion runs away cost more than numbers can say
         with np.errstate(over="ignore", invalid="ignore"):
-            full[self.judged] = (self.residual(values, raw.said, own) ** 2).sum(axis=0)
+            full[self.judged] = (self.residual(values, raw.signals, own) ** 2).sum(axis=0)
             defects = (self.defects(raw, self.state_count(own)) ** 2).sum(axis=1)
             unsettled = float(self.air_prior(own) @ own) ** 2
             total = 0.5 * float(full[self.judged].sum() + defects.sum() + precision @ off**2 + unsettled)
@@ -331,9 +319,9 @@ class ShootingProblem(RecordingProblem):
         """Cost and own unknowns after their step, or as much of it as does not make the recording worse."""
         return drill_states.line_search(self, shared, own, move, before)
 
-    def corrected(self, shared: Floats, tried: tuple[float, Floats], before: float) -> tuple[float, Floats]:
+    def inner_steps(self, shared: Floats, tried: tuple[float, Floats], before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after such a step, with steps of their own where it made the recording worse."""
-        return drill_states.corrected(self, shared, *tried, before)
+        return drill_states.inner_steps(self, shared, tried, before)
 
     def find_states(self, shared: Floats, guess: Floats) -> Floats:
         """Own unknowns from a first guess: see :func:`drillenv.diagnosis.drill_states.find_states`."""
@@ -360,19 +348,19 @@ class ShootingProblem(RecordingProblem):
 
     def rollout(self, shared: Floats, own: Floats) -> Floats:
         """Own unknowns with which all states go on from window to window, but for the indenter's."""
-        values, kept = shared * self.widths, self.state_count(own)
+        values, kept = shared * self.scales, self.state_count(own)
         model = self.structure.model(values, self.point)
         begin = self.integrate(model, own, rollout=True).begin
         return np.append(self.owned(begin, self.labelled(own, model), kept).ravel(), own[self.windows * kept :])
 
-    def residual(self, values: Floats, said: Floats, own: Floats) -> Floats:
+    def residual(self, values: Floats, signals: Floats, own: Floats) -> Floats:
         """(2, judged) measured less read, as the noise model weighs it."""
-        read = self.read(values, said) + self.disturbance(own)
+        read = self.read(values, signals) + self.disturbance(own)
         return self.mask_and_whiten((self.measured - read)[:, self.judged])
 
-    def read(self, values: Floats, said: Floats) -> Floats:
+    def read(self, values: Floats, signals: Floats) -> Floats:
         """(2, n) what the logger makes of the simulated signals, the lines aside."""
-        read = self.sampled(values, self.structure.observe(values, said, self.point))
+        read = self.sampled(values, self.structure.observe(values, signals, self.point))
         # what is added is slow, so that the logger's filter lets it pass
         point = self.point._replace(rate=self.data.rate)
         return read + self.structure.added(values, read.shape[1], point, int(self.data.starts[0]))
@@ -395,7 +383,7 @@ class ShootingProblem(RecordingProblem):
         States that come beside those of the masses forget how they began: where windows are nearly free, to leave
         theirs free as well would let them explain anything.
         """
-        return CONTINUITY[:kept] * np.where(np.arange(kept) < MASSES, self.weight, 1.0)
+        return CONTINUITY[:kept] * np.where(np.arange(kept) < MASSES, self.slack, 1.0)
 
 
 def point_of(data: Conditioned) -> OperatingPoint:

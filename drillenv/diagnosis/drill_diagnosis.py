@@ -31,7 +31,7 @@ from drillenv.diagnosis.drill_prediction import (
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.drill_unknowns import PRESSURE_LABEL, first_states
 from drillenv.diagnosis.evidence import Explained, Verdict, classify, explained
-from drillenv.diagnosis.fitting import FREE, Fitted, fit_to, joined
+from drillenv.diagnosis.fitting import RELAXED, Fitted, fit_to, tighten_continuity
 from drillenv.diagnosis.laws import constant_beside
 from drillenv.diagnosis.progress import (
     EXTENDING,
@@ -217,7 +217,7 @@ def selected(
     progress.stage(FITTING)
     begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
     begun = replace(begun, structure=replace(begun.structure, scope=scope))
-    say(f"reduced chi-square {begun.per_freedom:.3f}")
+    say(f"reduced chi-square {begun.reduced_chi_square:.3f}")
     progress.keep(begun, begun, [], ScoreTests([], 1.0))
     progress.stage(SEARCHING)
     found, steps, tested = forward(begun, say, keep=partial(progress.keep, begun))
@@ -227,13 +227,13 @@ def selected(
     plain = begun if steps else final
     keep = partial(progress.keep, plain)
     keep(final, steps, tested)
-    say(f"reduced chi-square {final.per_freedom:.3f}")
+    say(f"reduced chi-square {final.reduced_chi_square:.3f}")
     by_equations = {step.family.group for step in steps if step.named.equation is not None}
-    if final.per_freedom > CLOSE and by_equations:
+    if final.reduced_chi_square > CLOSE and by_equations:
         # an equation that follows a law over stretches need not do so where these go on
         final, steps, _ = forward(final, say, steps, tested, keep, only=by_equations)
     # a model that does not hold where its stretches go on is not mended by more families
-    if final.per_freedom < CLOSE:
+    if final.reduced_chi_square < CLOSE:
         progress.stage(SEARCHING_AGAIN)
         final, steps, tested = forward(final, say, steps, tested, keep)
     return Known(plain, final_refit(final), steps, tested)
@@ -332,22 +332,22 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -
     """The paper's model with its constants, and the noise as it shows by that."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
     structure = ModelStructure((constants(campaign.nominal), logger()), flat, DRILL)
-    blocks = [ShootingProblem(each, structure, FREE, noise_of(each)) for each in data]
+    blocks = [ShootingProblem(each, structure, RELAXED, noise_of(each)) for each in data]
     limits = Limits(10, 1.0, 0.05)
     found = fit_to(blocks, [first_states(each) for each in data], structure, None, pool, limits)
     noise = with_lines_left(found)
     if any(level.lines for each in noise for level in each):
         found = found.refit(limits=limits, noise=noise)
-    found = joined(found, limits, noise)
+    found = tighten_continuity(found, limits, noise)
     noise = noise_left(found)
-    if found.per_freedom > CLOSE:
+    if found.reduced_chi_square > CLOSE:
         noise = quietest(noise, data, lines=True)
     return found.refit(replace(structure, axes=DRILL.axes_at(found)), noise=noise)
 
 
 def final_refit(fitted: Fitted) -> Fitted:
     """The same to the end."""
-    noise = noise_left(fitted) if fitted.per_freedom < CLOSE else fitted.noise
+    noise = noise_left(fitted) if fitted.reduced_chi_square < CLOSE else fitted.noise
     return fitted.refit(limits=Limits(15, 0.1), noise=noise)
 
 
@@ -373,7 +373,7 @@ def extend_horizon(data: Sequence[Conditioned], fitted: Fitted, pool: Executor) 
     # lines that the model has itself are no noise
     noise = [without_lines(each.block, own_lines(fitted)) for each in there]
     blocks, own = [each.block for each in there], [each.own for each in there]
-    return fit_to(blocks, own, fitted.structure, fitted.fit.shared, pool, weight=fitted.weight, noise=noise)
+    return fit_to(blocks, own, fitted.structure, fitted.fit.shared, pool, slack=fitted.slack, noise=noise)
 
 
 def is_fitted_to(fitted: Fitted, data: Sequence[Conditioned]) -> bool:
@@ -404,7 +404,7 @@ def share_explained(plain: Fitted, final: Fitted, proof: Proof) -> Explained:
 def verdict_of(final: Fitted, steps: Sequence[Step], held: tuple[float, float] | None, share: Explained) -> Verdict:
     """The verdict."""
     # errors of the parameters show in full on recordings that they were not fitted to
-    worst = max(final.per_freedom - 1.0, 0.0 if held is None else 0.5 * (held[1] - 1.0))
+    worst = max(final.reduced_chi_square - 1.0, 0.0 if held is None else 0.5 * (held[1] - 1.0))
     # windows that are not joined have states that no motion has
     if worst > CLOSE - 1.0:
         return "unexplained"
@@ -418,7 +418,7 @@ def wrong_constants(final: Fitted) -> list[int]:
     shared = {constant_beside(term) for term in final.structure.terms}
     found = []
     for i, (unknown, value) in enumerate(zip(final.structure.unknowns, final.values, strict=True)):
-        off = abs(value - unknown.value) > SEVERAL * unknown.width
+        off = abs(value - unknown.value) > SEVERAL * unknown.scale
         if i < len(NAMES) and off and unknown.name not in shared:
             found.append(i)
     return found

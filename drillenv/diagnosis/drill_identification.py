@@ -113,21 +113,21 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     curves = {term.place: np.linalg.pinv(term.basis.T) for term in family.terms if isinstance(term, Curve)}
     # the same in every recording, as is what an equation says there
     standing = {place: found[0].curve(place) for place in curves}
-    widths = {term.place: term.widths for term in family.terms
+    scales = {term.place: term.scales for term in family.terms
               if isinstance(term, Curve)}  # fmt: skip
     # but for a gain that falls with the frequency, the recordings say the same
     seen = scenes if DRIVE_LAG in acts_at(equation.effect, equation.form)[1] else scenes[:1]
     weight = math.sqrt(len(scenes) / len(seen))
     factor = precision_of(fitted, family) if curves else None
     names = [each.name for each in constants.unknowns]
-    width = np.array([each.width for each in (*constants.unknowns, *equation.unknowns)])
+    scale = np.array([each.scale for each in (*constants.unknowns, *equation.unknowns)])
     count = own.size
     straight = {place: names.index(STRAIGHT[place]) for place in curves if place in STRAIGHT}
     believed = np.array([each.std for each in constants.unknowns])
     stated = np.array([each.value for each in constants.unknowns])
 
     def misfit(scaled: Floats) -> Floats:
-        values, shift, rows = scaled[:-1] * width, scaled[-1], []
+        values, shift, rows = scaled[:-1] * scale, scaled[-1], []
         off: dict[int, Floats] = {}
         for model, point in zip(found, seen, strict=False):
             tried = Model()
@@ -140,21 +140,21 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
                 if given[i] > 0.0 and (said[i] > 0.0 or i in NUMBERS.values()):
                     rows.append(weight * math.log(max(said[i], 1e-12) / given[i]))
         if factor is None:
-            return np.concatenate([rows, 1e-2 * (scaled[:count] - own / width[:count]), [0.0]])
+            return np.concatenate([rows, 1e-2 * (scaled[:count] - own / scale[:count]), [0.0]])
         change, priors = values[:count] - own, [1e-3 * shift]
         for place, i in straight.items():
             # with the law free, the constant stays where it is
             off[place] = off[place] + as_law(place, axes, own[i], values[i])
             change[i] = 0.0
             priors.append((values[i] - stated[i]) / believed[i])
-        parts = [curves[place] @ off[place] / widths[place] for place in curves]
-        return np.concatenate([factor.T @ np.concatenate([change / width[:count], *parts]), priors])
+        parts = [curves[place] @ off[place] / scales[place] for place in curves]
+        return np.concatenate([factor.T @ np.concatenate([change / scale[:count], *parts]), priors])
 
     bounds = [(each.low, each.high) for each in (*constants.unknowns, *equation.unknowns)]
-    low, high = (np.array(each) / width for each in zip(*bounds, strict=True))
+    low, high = (np.array(each) / scale for each in zip(*bounds, strict=True))
     low, high = np.append(low, -FARTHEST_SHIFT), np.append(high, FARTHEST_SHIFT)
     pairs = product((own, stated), equation.form.starts)
-    begun = [np.append(np.concatenate(each) / width, 0.0) for each in pairs]
+    begun = [np.append(np.concatenate(each) / scale, 0.0) for each in pairs]
     least, chosen = minima(misfit, begun, low, high)
     return Rival(equation, [(each[:count], each[count:-1]) for each in chosen], least if curves else 0.0)
 
@@ -199,7 +199,7 @@ def rivals(fitted: Fitted, family: Family) -> list[Rival]:
             every = [each for each in every if f"{each.frequency:g} Hz" in family.name]  # type: ignore[attr-defined]
         constants = fitted.fit.shared[: len(fitted.structure.terms[0].unknowns)]
         starts = [(each, sensor_starts(fitted, family, each, rate)) for each in every]
-        return [Rival(each, [(constants, values / each.widths) for values in begun], 0.0) for each, begun in starts]
+        return [Rival(each, [(constants, values / each.scales) for values in begun], 0.0) for each, begun in starts]
     found = [starts_of(fitted, family, each) for each in equations(*places_of(family))]
     # those of its own kind first, with states or without: of a law without curves nothing else says which is nearest
     return sorted(found, key=lambda each: (each.equation.has_states != family.has_states, each.worse))

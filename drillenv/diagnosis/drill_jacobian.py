@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool = False) -> Quadratic:
     """Negative log-likelihood with its derivatives; ``fixed`` leaves out those by the shared parameters."""
-    values, kept = shared * block.widths, block.state_count(own)
+    values, kept = shared * block.scales, block.state_count(own)
     model, columns, mixing = elementary(block, values, fixed)
     varied = variations(block, own, model, columns)
     raw = block.integrate(model, own, varied)
-    residual, defects = block.residual(values, raw.said, own), block.defects(raw, kept)
+    residual, defects = block.residual(values, raw.signals, own), block.defects(raw, kept)
     seen = block.structure.observe(values, raw.by_column, block.point)
     seen = block.mask_and_whiten(block.sampled(values, seen)[:, :, block.judged])
     # most parameters of recordings are of others, and change nothing here
@@ -112,11 +112,8 @@ def defect_columns(block: ShootingProblem, raw: Raw, own: int, varied: Varied, m
     change = varied.by_column[1:] - raw.ends_by_column[:-1, :, :kept]
     first = block.windows * kept
     by_own[:, :, first : first + 2] = np.einsum("wes,ek->wsk", change, local_mixing)
-    by_shared = np.einsum("wes,ep->wsp", change, mixing) * block.widths[: mixing.shape[1]]
-    return (
-        (by_own / over[:, None]).reshape(-1, own),
-        (by_shared / over[:, None]).reshape(pairs * kept, -1),
-    )
+    by_shared = np.einsum("wes,ep->wsp", change, mixing) * block.scales[: mixing.shape[1]]
+    return ((by_own / over[:, None]).reshape(-1, own), (by_shared / over[:, None]).reshape(pairs * kept, -1))
 
 
 def window_products(block: ShootingProblem, values: Floats, raw: Raw, wide: Floats) -> tuple[Floats, Floats]:
@@ -181,7 +178,7 @@ def window_columns(block: ShootingProblem, values: Floats, raw: Raw, low: NDArra
 
 def tail(block: ShootingProblem) -> int:
     """Samples over which sensors and noise model remember."""
-    return 10**9 if block.coloured or block.structure.has_states else REACH
+    return 10**9 if block.coloured or block.structure.sensors_have_memory else REACH
 
 
 def elementary(block: ShootingProblem, values: Floats, fixed: bool) -> tuple[Model, list[Column], Floats]:
@@ -229,9 +226,9 @@ def differentiated(block: ShootingProblem, values: Floats, model: Model) -> list
 def columns_by_parameters(
     block: ShootingProblem, values: Floats, raw: Raw, seen: Floats, mixing: Floats
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Parameters that the weighed reading changes with, and by what, (m, 2, judged), in units of their widths."""
+    """Parameters that the weighed reading changes with, and by what, (m, 2, judged), in units of their scales."""
     by_motion = np.flatnonzero(mixing.any(axis=0))
-    at, rows = reading_jacobian(block, values, raw.said) if mixing.size else ([], [])
+    at, rows = reading_jacobian(block, values, raw.signals) if mixing.size else ([], [])
     changing = np.union1d(by_motion, np.array(at, dtype=np.int64))
     moved = np.zeros((changing.size, *seen.shape[1:]))
     moved[np.searchsorted(changing, by_motion)] = np.tensordot(mixing.T[by_motion], seen, 1)
@@ -239,7 +236,7 @@ def columns_by_parameters(
         weighed = block.mask_and_whiten(np.array(rows)[:, :, block.judged])
         for i, row in zip(np.searchsorted(changing, at), weighed, strict=True):
             moved[i] += row
-    return changing, moved * block.widths[changing, None, None]
+    return changing, moved * block.scales[changing, None, None]
 
 
 def reading_jacobian(block: ShootingProblem, values: Floats, said: Floats) -> tuple[list[int], list[Floats]]:
@@ -313,7 +310,7 @@ def variations(block: ShootingProblem, own: Floats, model: Model, given: Sequenc
 
 def step_of(term: Term, parameter: int) -> float:
     """By which a parameter is moved for a difference."""
-    return 1e-4 * term.unknowns[parameter].width
+    return 1e-4 * term.unknowns[parameter].scale
 
 
 def steps_ahead(term: Term, own: Floats) -> list[Floats]:

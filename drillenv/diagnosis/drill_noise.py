@@ -49,7 +49,7 @@ def left_by(fitted: Fitted, block: ShootingProblem, own: Floats) -> Floats:
     """(2, n) residuals of a recording; lines that are known already are left in."""
     values = fitted.values
     raw = block.integrate(fitted.structure.model(values, block.point), own)
-    return (block.measured - block.read(values, raw.said))[:, block.evaluation]
+    return (block.measured - block.read(values, raw.signals))[:, block.evaluation]
 
 
 def lines_of_noise(level: NoiseModel) -> NoiseModel:

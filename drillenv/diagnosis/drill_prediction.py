@@ -18,7 +18,7 @@ from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized, states_under
-from drillenv.diagnosis.fitting import FREE, GRADUAL, JOINED, OUTLYING, Fitted, priors_of
+from drillenv.diagnosis.fitting import OUTLYING, RELAXED, TIGHT, TIGHTENING, Fitted, priors_of
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.solver import Floats, Limits, minimise
@@ -41,7 +41,7 @@ class StateEstimate(NamedTuple):
     @property
     def model(self) -> Model:
         """With the parameters."""
-        return self.block.structure.model(self.shared * self.block.widths, self.block.point)
+        return self.block.structure.model(self.shared * self.block.scales, self.block.point)
 
 
 def estimates_of(fitted: Fitted) -> list[StateEstimate]:
@@ -90,22 +90,22 @@ def estimate_states_of(
         own[: states.size] = states.ravel()
     shared = fitted.fit.shared
 
-    def settle(weight: float, own: Floats) -> tuple[ShootingProblem, Floats]:
-        block = ShootingProblem(each, fitted.structure, weight, level)
+    def settle(slack: float, own: Floats) -> tuple[ShootingProblem, Floats]:
+        block = ShootingProblem(each, fitted.structure, slack, level)
         if own.size != windows * size + block.locals:
             own = np.append(own[: behind.stop], np.zeros(len(block.lines)))
-        if weight == FREE and beginning is None:
+        if slack == RELAXED and beginning is None:
             own = block.find_states(shared, own)
         else:
             going_on = block.rollout(shared, own)
-            as_guessed = weight > JOINED and block.cost(shared, own) < block.cost(shared, going_on)
+            as_guessed = slack > TIGHT and block.cost(shared, own) < block.cost(shared, going_on)
             own = block.estimate_states(shared, own if as_guessed else going_on)
         outlying = block.per_sample(shared, own) > OUTLYING * 2.0 * fitted.fit.cost / fitted.samples
         again = block.reinitialise_outliers(shared, own, outlying)
         return block, own if again is own else block.estimate_states(shared, again)
 
-    block, own = settle(FREE, own)
-    if fitted.weight == FREE:
+    block, own = settle(RELAXED, own)
+    if fitted.slack == RELAXED:
         return StateEstimate(block, own, shared)
     free, close = own, block.per_sample(shared, own) < CLOSE
     # windows that are free say little of the pressure, and of what goes on from each to the next
@@ -113,12 +113,12 @@ def estimate_states_of(
     begun[behind] = 0.0
     if beginning is not None:
         begun[behind], begun[:2] = beginning.own[states.size : states.size + 2], states[0, :2]
-    block, own = settle(fitted.weight, begun)
+    block, own = settle(fitted.slack, begun)
     if close and block.per_sample(shared, own) > CLOSE:
         # windows that were not near enough to each other to be joined at once
         own = free
-        for weight in [*(each for each in GRADUAL if each > fitted.weight), fitted.weight]:
-            block, own = settle(weight, own)
+        for slack in [*(each for each in TIGHTENING if each > fitted.slack), fitted.slack]:
+            block, own = settle(slack, own)
     return StateEstimate(block, own, shared)
 
 
@@ -151,10 +151,10 @@ def with_own_waves(there: StateEstimate) -> StateEstimate:
     """The same with amplitudes that are each recording's own fitted to this one, where its model has such."""
     block, own, shared = there
     terms, values, free = [], [], []
-    for term, each in zip(block.structure.terms, block.structure.split(shared * block.widths), strict=True):
+    for term, each in zip(block.structure.terms, block.structure.split(shared * block.scales), strict=True):
         alone, begun = term.of_recording(block.point.name, each)
         terms.append(alone)
-        values.append(begun / alone.widths)
+        values.append(begun / alone.scales)
         free.append((np.arange(begun.size) >= alone.common) & (alone is not term))
     open_ = np.concatenate(free)
     if not open_.any():
@@ -180,7 +180,7 @@ def with_own_lines(fitted: Fitted, level: Noise) -> tuple[Fitted, Noise]:
     for term, own in zip(fitted.structure.terms, fitted.structure.split(fitted.values), strict=True):
         if not (isinstance(term, Added) and term.names):
             kept.append(term)
-            start.append(own / term.widths)
+            start.append(own / term.scales)
     if len(kept) == len(fitted.structure.terms):
         return fitted, level
     more = own_lines(fitted)
@@ -221,16 +221,16 @@ def without_lines(block: ShootingProblem, lines: Sequence[float]) -> Noise:
 
 def chi_square(blocks: Sequence[StateEstimate]) -> float:
     """Reduced chi-square of recordings' samples, their own unknowns counted; infinite where one is not followed."""
-    total, freedom = 0.0, 0
+    total, dof = 0.0, 0
     for each in blocks:
         block, own, shared = each
         raw = block.integrate(each.model, own)
-        if not raw.good:
+        if not raw.completed:
             return math.inf
-        residual = block.residual(shared * block.widths, raw.said, own)
+        residual = block.residual(shared * block.scales, raw.signals, own)
         total += float((residual**2).sum())
-        freedom += block.samples - own.size
-    return total / max(freedom, 1)
+        dof += block.samples - own.size
+    return total / max(dof, 1)
 
 
 def excess_chi_square(blocks: Sequence[StateEstimate]) -> Floats:

@@ -18,14 +18,7 @@ from drillenv.diagnosis.evidence import AGREED, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_visited
-from drillenv.diagnosis.measured import (
-    Visited,
-    hum_amplitudes,
-    hum_spectrum,
-    measured_law,
-    measured_response,
-    quantity,
-)
+from drillenv.diagnosis.measured import Visited, hum_amplitudes, hum_spectrum, measured_law, measured_response, quantity
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
@@ -86,11 +79,7 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
         "explanation": effect.sentence,
         "form": form_of(step),
         "parameters": {} if named.equation is None else parameters_of(final, named.equation),
-        "evidence": {
-            "gain": round(step.gain, 1),
-            "freedom": step.freedom,
-            **cited(effect, named.equation is not None),
-        },
+        "evidence": {"gain": round(step.gain, 1), "freedom": step.dof, **cited(effect, named.equation is not None)},
     }
     terms = step.terms
     if isinstance(terms[0], Added):
@@ -116,8 +105,8 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
 def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:
     """What a sensor's free law comes to, in numbers."""
     inside = final.indices_of([term])
-    widths = term.widths
-    covariance = final.covariance[np.ix_(inside, inside)] * np.outer(widths, widths)
+    scales = term.scales
+    covariance = final.covariance[np.ix_(inside, inside)] * np.outer(scales, scales)
     return {name: quantity(*each) for name, each in term.summed_up(final.values[inside], covariance).items()}
 
 
@@ -264,8 +253,8 @@ def quality_of_fit(outcome: Outcome) -> dict[str, Any]:
         "noise_floor": 1.0,
         "fitted": {
             "recordings": [each.name for each in outcome.fit_data],
-            "before": root(outcome.plain.per_freedom),
-            "after": root(outcome.final.per_freedom),
+            "before": root(outcome.plain.reduced_chi_square),
+            "after": root(outcome.final.reduced_chi_square),
         },
         "held_out": {
             "recordings": outcome.proof.names,
@@ -316,10 +305,10 @@ def is_followed(estimate: StateEstimate) -> bool:
 def predicted(estimate: StateEstimate) -> Predicted:
     """What a model says of a recording."""
     block, own, shared = estimate
-    values = shared * block.widths
+    values = shared * block.scales
     raw = block.integrate(estimate.model, own)
-    residual = block.residual(values, raw.said, own)[:, block.warm_up :]
-    return Predicted(block.read(values, raw.said) + block.disturbance(own), residual, raw.said[0, :: block.over])
+    residual = block.residual(values, raw.signals, own)[:, block.warm_up :]
+    return Predicted(block.read(values, raw.signals) + block.disturbance(own), residual, raw.signals[0, :: block.over])
 
 
 def what_to_record(outcome: Outcome, cells: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -361,7 +350,7 @@ def remarks(outcome: Outcome) -> list[str]:
     silent = [
         each.name.replace("_", " ")
         for each, std in zip(final.structure.unknowns[: len(NAMES)], spread, strict=False)
-        if std > SILENT * each.width
+        if std > SILENT * each.scale
     ]
     said = noise_floors(outcome)
     lost = sorted({each.block.point.name for each in (*outcome.proof.before, *outcome.every) if not is_followed(each)})

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from drillenv.diagnosis.drill_unknowns import MASSES, STATE_WIDTHS, first_states, resized
-from drillenv.diagnosis.fitting import FREE, JOINED
+from drillenv.diagnosis.fitting import RELAXED, TIGHT
 from drillenv.diagnosis.solver import Floats, factor
 from drillenv.diagnosis.thresholds import CLOSE
 from drillenv.dynamics.constitutive.places import GUIDE, INDENTER
@@ -33,13 +33,16 @@ WORSE, CORRECTIONS = 10.0, 6
 """Own unknowns whose step makes a recording worse, up to so many times, take so many steps of their own at most."""
 
 
-def corrected(block: ShootingProblem, shared: Floats, cost: float, own: Floats, before: float) -> tuple[float, Floats]:
+def inner_steps(
+    block: ShootingProblem, shared: Floats, tried: tuple[float, Floats], before: float
+) -> tuple[float, Floats]:
     """Cost and own unknowns after steps of their own, where the last one of all parameters made the recording worse.
 
-    Where windows are joined, their states follow the shared parameters along a curve. They are followed to their end:
-    own unknowns that are left where the recording is no worse than before stay in another valley.
+    Where continuity is tight, states follow the shared parameters along a curve. They are followed to their end: own
+    unknowns that are left where the recording is no worse than before stay in another valley.
     """
-    return fit_states(block, shared, own, cost, CORRECTIONS) if before < cost < WORSE * before else (cost, own)
+    cost, own = tried
+    return fit_states(block, shared, own, cost, CORRECTIONS) if before < cost < WORSE * before else tried
 
 
 def line_search(
@@ -50,7 +53,7 @@ def line_search(
     best, costs = block.costs(shared, at)
     if best <= before:
         return best, at
-    if block.weight <= JOINED:
+    if block.slack <= TIGHT:
         # the step is along the continuity constraints' tangent: from there back to where they hold
         going_on = block.rollout(shared, at)
         cost = block.cost(shared, going_on)
@@ -79,8 +82,8 @@ def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, o
     stand for all that it lacks.
     """
     cost, costs = block.costs(shared, own)
-    close = block.weight <= JOINED and 2.0 * cost < CLOSE * block.samples
-    model = block.structure.model(shared * block.widths, block.point)
+    close = block.slack <= TIGHT and 2.0 * cost < CLOSE * block.samples
+    model = block.structure.model(shared * block.scales, block.point)
     with_friction = model.bends(GUIDE) or model.bends(INDENTER)
     rolled_out = better_by_rollout(block, shared, own, cost) if close and with_friction else own
     if rolled_out is not own:
@@ -116,7 +119,7 @@ def with_windows_reinitialised(
     if not stray.any():
         return cost, own
     kept = block.state_count(own)
-    model = block.structure.model(shared * block.widths, block.point)
+    model = block.structure.model(shared * block.scales, block.point)
     raw = block.integrate(model, own)
     states = block.states_of(own)
     behind = own[states.size :]
@@ -149,7 +152,7 @@ def reinitialised(block: ShootingProblem, shared: Floats, own: Floats, most: flo
 
     As they are where from first guesses windows whose states have been found cost ``most`` a sample or more.
     """
-    free = replace(block, weight=FREE)
+    free = replace(block, slack=RELAXED)
     kept = block.state_count(own)
     begun = estimate_by_labels(
         free, shared, resized(first_states(block.data), block.windows, kept, MASSES, len(block.lines))
@@ -157,7 +160,7 @@ def reinitialised(block: ShootingProblem, shared: Floats, own: Floats, most: flo
     if found_cost(free, free.costs(shared, begun)[1]) >= most:
         return own
     begun = reinitialise_until_found(free, shared, begun)
-    begun = estimate_states(block, shared, block.rollout(shared, begun) if block.weight <= JOINED else begun)
+    begun = estimate_states(block, shared, block.rollout(shared, begun) if block.slack <= TIGHT else begun)
     return begun if block.cost(shared, begun) < block.cost(shared, own) else own
 
 

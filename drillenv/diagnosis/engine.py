@@ -64,7 +64,7 @@ class Varied(NamedTuple):
 class Raw(NamedTuple):
     """What the engine says of a recording."""
 
-    said: Floats
+    signals: Floats
     """(2, fine samples) force in N and acceleration in m/s^2."""
     path: Floats
     """(OWN, steps) states along the motion; none where they are not asked for."""
@@ -80,15 +80,15 @@ class Raw(NamedTuple):
     """(windows, states, OWN)"""
     ends_by_column: Floats
     """(windows, columns, OWN)"""
-    good: bool
+    completed: bool
     """Whether the motion could be followed to the end."""
 
 
-def raw_of(shot: Shot, begin: Floats, states: int, good: bool) -> Raw:
+def raw_of(shot: Shot, begin: Floats, states: int, completed: bool) -> Raw:
     """What the engine has written, of which the first columns are those by states, of windows that so began."""
     by, ends_by = shot.by_column, shot.ends_by_column
     ends = shot.ends, ends_by[:, :states], ends_by[:, states:]
-    return Raw(shot.said, shot.path, by[:states], by[states:], begin, *ends, good)
+    return Raw(shot.signals, shot.path, by[:states], by[states:], begin, *ends, completed)
 
 
 @functools.lru_cache(maxsize=512)

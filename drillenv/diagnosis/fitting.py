@@ -14,10 +14,10 @@ from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, eliminated, m
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
-FREE, JOINED = 1e3, 1.0
+RELAXED, TIGHT = 1e3, 1.0
 """Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
 within the integrator's error."""
-GRADUAL = (100.0, 10.0, JOINED)
+TIGHTENING = (100.0, 10.0, TIGHT)
 """From one to the other in smaller steps."""
 CONVERGED = Limits(40, 0.5, 0.003)
 """Until a step gains next to nothing of what is left: far off, fits creep along curved valleys, and say little
@@ -59,19 +59,19 @@ class Fitted:
         limits: Limits = CONVERGED,
         *,
         own: Sequence[Floats] | None = None,
-        weight: float | None = None,
+        slack: float | None = None,
         noise: Sequence[Any] | None = None,
         states_first: bool = False,
     ) -> Fitted:
         """A fit to the same recordings, by :func:`fit_to`; what is not given is as it is in this one."""
         structure, start = structure or self.structure, self.fit.shared if start is None else start
         failed, own = (self.failed, self.fit.own) if own is None else ((), own)
-        return fit_to(self.blocks, own, structure, start, self.pool, limits, weight, noise, states_first, failed)
+        return fit_to(self.blocks, own, structure, start, self.pool, limits, slack, noise, states_first, failed)
 
     @property
     def values(self) -> Floats:
         """Of the parameters, in their units."""
-        return self.fit.shared * self.structure.widths
+        return self.fit.shared * self.structure.scales
 
     @property
     def priors(self) -> Priors:
@@ -89,9 +89,9 @@ class Fitted:
         return [each.noise for each in self.blocks]
 
     @property
-    def weight(self) -> float:
+    def slack(self) -> float:
         """Of the continuity constraints."""
-        return self.blocks[0].weight
+        return self.blocks[0].slack
 
     @property
     def samples(self) -> int:
@@ -104,14 +104,14 @@ class Fitted:
         return 0.5 * RESOLVED**2 * sum(each.power for each in self.blocks)
 
     @property
-    def freedom(self) -> int:
+    def residual_dof(self) -> int:
         """Samples less own unknowns."""
         return self.samples - sum(own.size for own in self.fit.own) - self.fit.shared.size
 
     @property
-    def per_freedom(self) -> float:
+    def reduced_chi_square(self) -> float:
         """Reduced chi-square."""
-        return 2.0 * self.cost / self.freedom
+        return 2.0 * self.cost / self.residual_dof
 
     @cached_property
     def covariance(self) -> Floats:
@@ -127,7 +127,7 @@ class Fitted:
         moved = np.array([eliminated(part, 0.0)[0] for part in self.fit.parts]) @ found
         count = len(moved)
         clustered = np.sum(moved**2, axis=0) * count / max(count - 1, 1)
-        over = np.maximum(clustered / np.maximum(np.diag(found), 1e-300), max(1.0, self.per_freedom))
+        over = np.maximum(clustered / np.maximum(np.diag(found), 1e-300), max(1.0, self.reduced_chi_square))
         return found * np.sqrt(np.outer(over, over))
 
     def values_of(self, name: str) -> Floats:
@@ -142,9 +142,9 @@ class Fitted:
     def precision_of(self, term: Term) -> Floats:
         """(m, m) of the parameters of a term, in their units."""
         inside = self.indices_of([term])
-        widths = self.structure.widths[inside]
+        scales = self.structure.scales[inside]
         inverse = np.linalg.pinv(self.covariance[np.ix_(inside, inside)], hermitian=True)
-        return np.asarray(inverse / np.outer(widths, widths), dtype=float)
+        return np.asarray(inverse / np.outer(scales, scales), dtype=float)
 
     def correlations(self, count: int) -> dict[str, Any]:
         """Correlation matrix of the first ``count`` parameters, with their names."""
@@ -154,20 +154,20 @@ class Fitted:
         return {"of": names, "matrix": np.round(covariance / np.outer(scale, scale), 3).tolist()}
 
 
-def penalty(freedom: int, fitted: Fitted) -> float:
+def penalty(dof: int, fitted: Fitted) -> float:
     """Log-likelihood that parameters have to gain (G. Schwarz, Annals of Statistics 6 (1978) 461-464)."""
-    return 0.5 * freedom * float(np.log(fitted.samples))
+    return 0.5 * dof * float(np.log(fitted.samples))
 
 
 def priors_of(structure: ModelStructure) -> Priors:
     """Priors and bounds of a structure's parameters, in the solver's units."""
     unknowns = structure.unknowns
-    widths = structure.widths
+    scales = structure.scales
     return Priors(
-        np.array([each.value for each in unknowns]) / widths,
-        widths / np.array([each.std for each in unknowns]),
-        np.array([each.low for each in unknowns]) / widths,
-        np.array([each.high for each in unknowns]) / widths,
+        np.array([each.value for each in unknowns]) / scales,
+        scales / np.array([each.std for each in unknowns]),
+        np.array([each.low for each in unknowns]) / scales,
+        np.array([each.high for each in unknowns]) / scales,
     )
 
 
@@ -178,7 +178,7 @@ def fit_to(
     start: Floats | None,
     pool: Executor | None,
     limits: Limits = CONVERGED,
-    weight: float | None = None,
+    slack: float | None = None,
     noise: Sequence[Any] | None = None,
     states_first: bool = False,
     failed: Sequence[Attempt | None] = (),
@@ -192,7 +192,7 @@ def fit_to(
         start: Shared parameters in the solver's units; None for the priors' centres.
         pool: Where recordings are evaluated side by side.
         limits: When to end.
-        weight: Of the continuity constraints; as it is where None.
+        slack: Of the continuity constraints; as it is where None.
         noise: Of each recording; as it is where None.
         states_first: Whether own unknowns are fitted alone before: where the start is of another kind than the model
             they were fitted with.
@@ -201,7 +201,7 @@ def fit_to(
     priors = priors_of(structure)
     shared = priors.centre.copy() if start is None else start
     levels = [None] * len(blocks) if noise is None else noise
-    pairs = [block.under(structure, one, weight, level) for block, one, level in zip(blocks, own, levels, strict=True)]
+    pairs = [block.under(structure, one, slack, level) for block, one, level in zip(blocks, own, levels, strict=True)]
     blocks, own = [block for block, _ in pairs], [one for _, one in pairs]
     samples = sum(each.samples for each in blocks)
     if states_first:
@@ -219,31 +219,33 @@ def fit_to(
     return Fitted(structure, blocks, fit, pool, failed)
 
 
-def joined(found: Fitted, limits: Limits = CONVERGED, noise: Sequence[Any] | None = None) -> Fitted:
+def tighten_continuity(found: Fitted, limits: Limits = CONVERGED, noise: Sequence[Any] | None = None) -> Fitted:
     """A fit whose windows are nearly free, with windows that go on from each other as closely as the model can.
 
     At once, or else in small steps, of which the last is kept at which the model still comes close.
     """
-    if found.weight <= JOINED or found.per_freedom > CLOSE:
+    if found.slack <= TIGHT or found.reduced_chi_square > CLOSE:
         return found
     begun = found.each(lambda block, own: block.rollout(found.fit.shared, own))
-    at_once = found.refit(limits=limits, own=begun, weight=JOINED, noise=noise)
-    if at_once.per_freedom < CLOSE:
+    at_once = found.refit(limits=limits, own=begun, slack=TIGHT, noise=noise)
+    if at_once.reduced_chi_square < CLOSE:
         return at_once
-    for weight in [each for each in GRADUAL if each < found.weight]:
-        further = found.refit(limits=limits, weight=weight, noise=noise)
-        if further.per_freedom > CLOSE:
+    for slack in [each for each in TIGHTENING if each < found.slack]:
+        further = found.refit(limits=limits, slack=slack, noise=noise)
+        if further.reduced_chi_square > CLOSE:
             break
         found = further
     return found
 
 
-def with_windows_freed(fitted: Fitted, structure: ModelStructure, start: Floats, states_first: bool = False) -> Fitted:
-    """A short fit of a structure by windows that are free for a while, then joined; arguments as of :func:`fit_to`.
+def with_continuity_relaxed(
+    fitted: Fitted, structure: ModelStructure, start: Floats, states_first: bool = False
+) -> Fitted:
+    """A short fit of a structure with continuity relaxed for a while, then tightened; arguments as of :func:`fit_to`.
 
-    A joined fit may creep along a curved valley where one of free windows goes straight.
+    A fit of tight continuity may creep along a curved valley where one of free windows goes straight.
     """
-    return joined(fitted.refit(structure, start, SHORT, weight=FREE, states_first=states_first), SHORT)
+    return tighten_continuity(fitted.refit(structure, start, SHORT, slack=RELAXED, states_first=states_first), SHORT)
 
 
 class Attempt(NamedTuple):

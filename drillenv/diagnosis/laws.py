@@ -117,8 +117,8 @@ class Curve(Term):
 
     def with_corner(self, corner: Floats) -> Curve:
         """The same with a function (GRID,) that has a corner."""
-        name, width = f"{self.name} corner {self.corners}", self.unknowns[0].width
-        more = coefficients(name, 1, width)[0]._replace(name=name)
+        name, scale = f"{self.name} corner {self.corners}", self.unknowns[0].scale
+        more = coefficients(name, 1, scale)[0]._replace(name=name)
         basis = np.vstack([self.basis, corner])
         return replace(self, unknowns=(*self.unknowns, more), basis=basis, corners=self.corners + 1)
 
@@ -323,9 +323,9 @@ def axes_visited(paths: Sequence[Floats], models: Sequence[Model]) -> Axes:
     return axes_of(paths, drive, [float(each.s[V.F_B] / each.s[V.K]) for each in models])
 
 
-def coefficients(name: str, count: int, width: float) -> tuple[Unknown, ...]:
-    """Parameters of a free law at 0, in units of ``width``, thirty of which are the prior's standard deviation."""
-    return tuple(Unknown(f"{name} {i}", 0.0, width, 30.0 * width) for i in range(count))
+def coefficients(name: str, count: int, scale: float) -> tuple[Unknown, ...]:
+    """Parameters of a free law at 0, in units of ``scale``, thirty of which are the prior's standard deviation."""
+    return tuple(Unknown(f"{name} {i}", 0.0, scale, 30.0 * scale) for i in range(count))
 
 
 def _waves(orders: Sequence[int]) -> Floats:
@@ -387,7 +387,7 @@ class FreeLaws:
     axes: Axes
     detail: int = 1
 
-    def curve(self, name: str, width: float, place: int, basis: Floats) -> Term:
+    def curve(self, name: str, scale: float, place: int, basis: Floats) -> Term:
         """A law of basis functions (m, GRID)."""
         if place in (DAMPER, DRIVE):
             # a force that is there at all times is the pressure's
@@ -396,7 +396,7 @@ class FreeLaws:
             # where a spring is at rest, no recording says
             basis = basis - basis.mean(axis=1, keepdims=True)
         free = smoothest_first(normalised(basis))
-        return Curve(name, coefficients(name, len(free), width), place, free)
+        return Curve(name, coefficients(name, len(free), scale), place, free)
 
     def splines(self, count: int, at: Floats | None = None) -> Floats:
         """B-splines, so many at the lowest resolution, even in ``at`` (GRID,)."""

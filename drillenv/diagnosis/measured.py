@@ -302,7 +302,7 @@ def motions_left(fitted: Fitted) -> list[Motion]:
         values, data, inside = fitted.values, block.data, block.evaluation
         model = block.structure.model(values, block.point)
         raw = block.integrate(model, own, path=True)
-        force, acceleration = (block.measured - block.read(values, raw.said) - block.disturbance(own))[:, inside]
+        force, acceleration = (block.measured - block.read(values, raw.signals) - block.disturbance(own))[:, inside]
         theta = data.phase + data.omega / data.rate * np.arange(data.force.size, dtype=np.float64)[inside]
         push = model.s[V.M2] * acceleration + force
         found.append(Motion(raw.path[:, :: block.over // block.stride][:, inside], theta, model, force, push))
@@ -322,11 +322,7 @@ def partial_residuals(fitted: Fitted, display: Shown, y: Floats) -> dict[str, li
     mean = np.bincount(at, left, BINS)[some] / count[some]
     spread = np.sqrt(np.maximum(np.bincount(at, left**2, BINS)[some] / count[some] - mean**2, 0.0) / count[some])
     middle = 0.5 * (edges[1:] + edges[:-1])[some]
-    return {
-        "x": middle.tolist(),
-        "y": (np.interp(middle, display.x, y) + mean).tolist(),
-        "std": spread.tolist(),
-    }
+    return {"x": middle.tolist(), "y": (np.interp(middle, display.x, y) + mean).tolist(), "std": spread.tolist()}
 
 
 def nearest_curve(fitted: Fitted, display: Shown, y: Floats, nearest: Tried) -> Floats:
@@ -341,11 +337,7 @@ def nearest_curve(fitted: Fitted, display: Shown, y: Floats, nearest: Tried) -> 
 
 
 def measured_law(
-    fitted: Fitted,
-    family: Family,
-    terms: Sequence[Term],
-    visited: Visited,
-    nearest: Tried | None = None,
+    fitted: Fitted, family: Family, terms: Sequence[Term], visited: Visited, nearest: Tried | None = None
 ) -> dict[str, Any]:
     """The curve of a finding, as ``law`` of a report: a 95 % band, partial residuals, the ``nearest`` equation."""
     display = shown(family, terms, fitted, visited)
@@ -354,7 +346,7 @@ def measured_law(
     def curve(own: Floats) -> Floats:
         shared = fitted.fit.shared.copy()
         shared[inside] = own
-        return curve_of(display, fitted.structure, shared * fitted.structure.widths, fitted.blocks[0].point, names)
+        return curve_of(display, fitted.structure, shared * fitted.structure.scales, fitted.blocks[0].point, names)
 
     y, spread = with_spread(fitted, inside, curve)
     law = law_record(display.argument, display.argument_unit, display.unit, display.x, y, spread)
@@ -413,7 +405,7 @@ def hum_amplitudes(fitted: Fitted, terms: Sequence[Added], channel: int) -> Floa
         spread[i] = block.noise[channel].std * math.sqrt(2.0 / n)
     if len(terms) == 1:
         stds = np.sqrt(np.diag(fitted.covariance)[fitted.indices_of(terms)])
-        own_spread = first.waves(stds * first.widths)[:, channel]
+        own_spread = first.waves(stds * first.scales)[:, channel]
         for i, order in enumerate(first.orders):
             spread[:, ORDERS_SHOWN.index(order)] = own_spread[:, 2 * i : 2 * i + 2]
     return np.array([mean_amplitude(waves[:, i], spread[:, i]) for i in range(len(ORDERS_SHOWN))])
@@ -439,10 +431,10 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
         channels = (1, 0)
 
     inside = fitted.indices_of(terms)
-    widths = np.array([each.width for term in terms for each in term.unknowns])
+    scales = np.array([each.scale for term in terms for each in term.unknowns])
 
     def curve(own: Floats) -> Floats:
-        found, first, values = np.ones(POINTS, dtype=complex), 0, own * widths
+        found, first, values = np.ones(POINTS, dtype=complex), 0, own * scales
         for term in terms:
             found = found * response(term, values[first : first + len(term.unknowns)], frequency, *channels)
             first += len(term.unknowns)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, penalty, with_windows_freed
+from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, with_continuity_relaxed
 from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
@@ -39,13 +39,13 @@ class Named:
     """Other mechanisms that a law which no equation follows may be as well."""
 
 
-def does_as_well(worse: float, gain: float, freedom: int, samples: int) -> bool:
+def does_as_well(worse: float, gain: float, dof: int, samples: int) -> bool:
     """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one.
 
     What it leaves of the law's gain must not stand out of the noise of so many samples.
     """
     left = min(LAW_ERROR**2 * gain, 0.5 * NOISE_KNOWN * samples)
-    return worse <= 0.5 * float(chi2.isf(ALIKE, max(freedom, 1))) + left
+    return worse <= 0.5 * float(chi2.isf(ALIKE, max(dof, 1))) + left
 
 
 def without(fitted: Fitted, terms: Sequence[Term], constant: str = "") -> tuple[ModelStructure, Floats]:
@@ -68,7 +68,7 @@ def with_more(structure: ModelStructure, begun: Floats, family: Family) -> tuple
     terms = [*structure.terms, *family.terms]
     if family.constant:
         terms[0] = terms[0].freed(family.constant)
-    start = np.concatenate([begun, [each.value / each.width for each in family.unknowns]])
+    start = np.concatenate([begun, [each.value / each.scale for each in family.unknowns]])
     return replace(structure, terms=tuple(terms)), start
 
 
@@ -93,12 +93,12 @@ def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain:
     Where the model is far off with any law, a short fit tells equations apart, and the one that is chosen goes on.
     """
     found = fitted.refit(structure, start, SHORT, states_first=True)
-    if found.cost - fitted.cost > gain and fitted.weight == JOINED:
+    if found.cost - fitted.cost > gain and fitted.slack == TIGHT:
         # no law at all does better, so this is no minimum
-        again = with_windows_freed(fitted, structure, start, states_first=True)
-        if again.weight == JOINED and again.cost < found.cost:
+        again = with_continuity_relaxed(fitted, structure, start, states_first=True)
+        if again.slack == TIGHT and again.cost < found.cost:
             found = again
-    if found.cost - fitted.cost > gain or fitted.per_freedom > CLOSE:
+    if found.cost - fitted.cost > gain or fitted.reduced_chi_square > CLOSE:
         return found
     return found.refit()
 
@@ -125,7 +125,7 @@ def from_reduced_model(
             continue
         structure = replace(base.structure, terms=(*base.structure.terms, equation))
         starts = equation.form.starts if isinstance(equation, Equation) else [[e.value for e in equation.unknowns]]
-        begun = [np.append(base.fit.shared, np.array(each) / equation.widths) for each in starts]
+        begun = [np.append(base.fit.shared, np.array(each) / equation.scales) for each in starts]
         other = min((base.refit(structure, each, SHORT) for each in begun), key=lambda each: each.cost)
         say(f"  {equation.name} from the reduced model: worse by {other.cost - fitted.cost:.1f}")
         found.append((equation, other if other.cost > fitted.cost + 0.5 * (base.cost - fitted.cost) else other.refit()))
@@ -165,7 +165,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
-    if not done and fitted.per_freedom < CLOSE:
+    if not done and fitted.reduced_chi_square < CLOSE:
         for equation, other in from_reduced_model(fitted, rest, kept, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
     if not tried:

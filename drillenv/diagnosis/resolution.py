@@ -68,7 +68,7 @@ def best_corner(fitted: Fitted, tried: Sequence[tuple[Curve, float]]) -> tuple[C
     for i, (curve, at) in enumerate(tried):
         corner = corner_at(fitted, curve, at)
         if corner.any():
-            single = coefficients(f"corner {i}", 1, curve.unknowns[0].width)
+            single = coefficients(f"corner {i}", 1, curve.unknowns[0].scale)
             terms.append(Curve(f"corner {i}", single, curve.place, corner[None, :]))
             seen.append((curve, at))
     if not terms:
@@ -101,13 +101,13 @@ def smoothed(fitted: Fitted, family: Family) -> Fitted:
     by the quadratic of the log-likelihood about the fit.
     """
     names, terms = {each.name for each in family.terms}, []
-    covariance = fitted.fit.covariance * max(1.0, fitted.per_freedom)
+    covariance = fitted.fit.covariance * max(1.0, fitted.reduced_chi_square)
     for term, inside in zip(fitted.structure.terms, fitted.structure.parts, strict=True):
         if isinstance(term, Curve) and term.name in names:
             smooth = slice(inside.start, inside.stop - term.corners)
             stds = most_likely_prior(fitted.fit.shared[smooth], covariance[smooth, smooth], term.roughness)
             unknowns = zip(term.unknowns, stds, strict=False)
-            as_smooth = tuple(each._replace(std=each.width * std) for each, std in unknowns)
+            as_smooth = tuple(each._replace(std=each.scale * std) for each, std in unknowns)
             term = replace(term, unknowns=as_smooth + term.unknowns[len(as_smooth) :])
         terms.append(term)
     return fitted.refit(replace(fitted.structure, terms=tuple(terms)))
@@ -145,13 +145,7 @@ def with_detail(fitted: Fitted, family: Family, detail: int) -> Fitted:
     return found
 
 
-def _on_finer(
-    fitted: Fitted,
-    known: ModelStructure,
-    same: Equivalent,
-    family: Family,
-    detail: int,
-) -> Fitted:
+def _on_finer(fitted: Fitted, known: ModelStructure, same: Equivalent, family: Family, detail: int) -> Fitted:
     """The fit of a family's law at a resolution, from parameters that are the ``same`` motion as a fit's."""
     finer = next(each for each in known.rig.laws(fitted, same.axes, detail) if each.name == family.name)
     terms, start = [], []
@@ -162,6 +156,6 @@ def _on_finer(
                 other = other.with_corner(corner)
         more = same.more.get(term.place, 0.0) if isinstance(term, Curve) and other is not term else 0.0
         terms.append(other)
-        start.append(moved_to(term, other, own, more) / other.widths)
+        start.append(moved_to(term, other, own, more) / other.scales)
     structure, begun = replace(known, terms=tuple(terms), axes=same.axes), np.concatenate(start)
     return fitted.refit(structure, begun, states_first=True)

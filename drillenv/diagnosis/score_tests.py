@@ -24,7 +24,7 @@ class Score(NamedTuple):
     family: Family
     gain: float
     """In log-likelihood."""
-    freedom: int
+    dof: int
     p: float
     cross_validated: float
     """The gain on recordings that are left out: see :meth:`Information.cross_validated_gain`."""
@@ -34,7 +34,7 @@ class Score(NamedTuple):
     @property
     def size(self) -> int:
         """Parameters that it adds; of one with states of its own only the strength shows where that is 0."""
-        return self.family.size if self.family.has_states else self.freedom
+        return self.family.size if self.family.has_states else self.dof
 
     @property
     def confirmed(self) -> bool:
@@ -108,7 +108,7 @@ def information(fitted: Fitted, terms: Sequence[Term], constants: Sequence[int] 
     structure = replace(fitted.structure, terms=fitted.structure.terms + tuple(terms))
     known = fitted.fit.shared.size
     unknowns = structure.unknowns
-    shared = np.concatenate([fitted.fit.shared, [each.value / each.width for each in unknowns[known:]]])
+    shared = np.concatenate([fitted.fit.shared, [each.value / each.scale for each in unknowns[known:]]])
 
     def quadratic(block: RecordingProblem, own: Floats):
         widened, begun = block.under(structure, own)
@@ -116,7 +116,7 @@ def information(fitted: Fitted, terms: Sequence[Term], constants: Sequence[int] 
 
     reduced = fitted.each(quadratic)
     weights = fitted.priors.weights
-    more = fitted.priors.dispersion * np.array([(each.width / each.std) ** 2 for each in unknowns[known:]])
+    more = fitted.priors.dispersion * np.array([(each.scale / each.std) ** 2 for each in unknowns[known:]])
     more = np.append(more, np.zeros(len(constants)))
     each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
     return Information(
@@ -170,10 +170,10 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
         terms = [term for each in batch for term in each.terms]
         known = information(fitted, terms, [names.index(each.constant) for each in batch if each.constant])
         gradient, hessian = known.reduced()
-        width = batch[0].unknowns[0].width if batch[0].has_states else 0.0
-        strength = -width * float(gradient[0] / max(hessian[0, 0], 1e-300))
-        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-        gradient, hessian = gradient / scale, hessian / scale[:, None] / scale
+        scale = batch[0].unknowns[0].scale if batch[0].has_states else 0.0
+        strength = -scale * float(gradient[0] / max(hessian[0, 0], 1e-300))
+        norm = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+        gradient, hessian = gradient / norm, hessian / norm[:, None] / norm
         power, modes = np.linalg.eigh(hessian)
         # what is drawn at random is precise enough in half the digits
         spread = (modes * np.sqrt(np.maximum(power, 0.0))).T.astype(np.float32)
@@ -186,16 +186,16 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
             own, axes = np.linalg.eigh(hessian[at, at])
             kept = own > 1e-7
             turned = axes[:, kept] / np.sqrt(own[kept])
-            freedom = int(kept.sum())
+            dof = int(kept.sum())
             gain = 0.5 * float(((gradient[at] @ turned) ** 2).sum())
             cross_validated = known.cross_validated_gain(inside)
             # recordings may say nothing of a family
-            p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, freedom)), 1.0) if freedom else 1.0
-            scores.append(Score(each, gain, freedom, p, cross_validated, strength))
+            p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, dof)), 1.0) if dof else 1.0
+            scores.append(Score(each, gain, dof, p, cross_validated, strength))
             sizes = ((drawn[:, at] @ turned.astype(np.float32)) ** 2).sum(axis=1, dtype=float)
             # the quantile that is asked for is far below
-            rare = sizes > chi2.isf(RARE, freedom)
-            smallest[rare] = np.minimum(smallest[rare], chi2.sf(sizes[rare], freedom))
+            rare = sizes > chi2.isf(RARE, dof)
+            smallest[rare] = np.minimum(smallest[rare], chi2.sf(sizes[rare], dof))
     return ScoreTests(sorted(scores, key=lambda each: -each.gain), float(np.quantile(smallest, FALSE_ALARMS)))
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import JOINED, SHORT, Fitted, joined, penalty, with_windows_freed
+from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, tighten_continuity, with_continuity_relaxed
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.naming import with_more, without
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
@@ -47,19 +47,19 @@ PROMISED = 0.5
 
 
 def with_family(
-    fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0, as_stated: bool = False
+    fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0, from_nominal: bool = False
 ) -> Fitted:
     """The fit with one more family, from its start, or from there with more of its first parameter, its strength.
 
-    From the constants of the fit, or with all of them ``as_stated``.
+    From the constants of the fit, or with all of them ``from_nominal``.
     """
     structure, start = with_more(fitted.structure, fitted.fit.shared, family)
     if strength != 0.0:
-        start[-family.size] += strength / family.unknowns[0].width
-    if as_stated:
-        stated = [each.value / each.width for each in structure.terms[0].unknowns]
+        start[-family.size] += strength / family.unknowns[0].scale
+    if from_nominal:
+        stated = [each.value / each.scale for each in structure.terms[0].unknowns]
         start[: len(stated)] = stated
-    return fitted.refit(structure, start, limits, states_first=strength != 0.0 or as_stated)
+    return fitted.refit(structure, start, limits, states_first=strength != 0.0 or from_nominal)
 
 
 def short_fit(fitted: Fitted, family: Family) -> Fitted:
@@ -70,9 +70,9 @@ def short_fit(fitted: Fitted, family: Family) -> Fitted:
     as well.
     """
     found = with_family(fitted, family, SHORT)
-    if family.constant or fitted.weight > JOINED or not is_strained(fitted) or explains_all(found, fitted):
+    if family.constant or fitted.slack > TIGHT or not is_strained(fitted) or explains_all(found, fitted):
         return found
-    return min(found, with_family(fitted, family, SHORT, as_stated=True), key=lambda each: each.cost)
+    return min(found, with_family(fitted, family, SHORT, from_nominal=True), key=lambda each: each.cost)
 
 
 def is_strained(fitted: Fitted) -> bool:
@@ -122,9 +122,9 @@ def forward(
     left_out: set[str] = set()
     while True:
         # a model that has come close is to hold from window to window
-        fitted = joined(fitted)
+        fitted = tighten_continuity(fitted)
         for i, step in enumerate(steps):
-            if (step.pending or step.provisional) and fitted.per_freedom < CLOSE:
+            if (step.pending or step.provisional) and fitted.reduced_chi_square < CLOSE:
                 beside = gain_of_others(steps, step, fitted)
                 steps[i] = (
                     identify_equation(fitted, step, say) if step.pending else reconsidered(fitted, step, beside, say)
@@ -168,10 +168,7 @@ def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
 
 
 def still_possible(
-    fitted: Fitted,
-    steps: Sequence[Step],
-    possible: Collection[str] | None,
-    only: Collection[str] | None = None,
+    fitted: Fitted, steps: Sequence[Step], possible: Collection[str] | None, only: Collection[str] | None = None
 ) -> list[Family]:
     """Families that are not there yet, of these names and of ``only`` these groups where any are given."""
     there = {step.family.group for step in steps}
@@ -184,18 +181,14 @@ def still_possible(
         if possible is None or each.name in possible
         if only is None or each.group in only
     ]
-    if only is None and fitted.per_freedom > 1.0 + LEFT:
+    if only is None and fitted.reduced_chi_square > 1.0 + LEFT:
         found += fitted.structure.rig.at_own_frequency(fitted, there)
     scope, rig = fitted.structure.scope, fitted.structure.rig
     return found if scope is None else [each for each in found if scope.has(each, rig.mechanisms_of(each))]
 
 
 def least_gain(
-    score: Score,
-    fitted: Fitted,
-    steps: Sequence[Step],
-    scores: Sequence[Score],
-    dismissed: Collection[str] = (),
+    score: Score, fitted: Fitted, steps: Sequence[Step], scores: Sequence[Score], dismissed: Collection[str] = ()
 ) -> float:
     """Log-likelihood that a family has to gain beside chance: where a law that was found is not exact, that is not all.
 
@@ -203,11 +196,11 @@ def least_gain(
     a measured law of the same force need not, since it is no mechanism then. ``dismissed`` as of
     :func:`misfit_allowance`.
     """
-    least = penalty(score.freedom, fitted) if steps else 0.0
+    least = penalty(score.dof, fitted) if steps else 0.0
     beside = measured_beside(score.family, fitted, steps)
     others = [step for step in steps if step.family.group != score.family.group and step not in beside]
     own = [step.gain_in(fitted) for step in steps if step not in others and step.named.equation is not None]
-    left = LAW_LEFT**2 * max(own, default=0.0) if fitted.per_freedom < CLOSE else 0.0
+    left = LAW_LEFT**2 * max(own, default=0.0) if fitted.reduced_chi_square < CLOSE else 0.0
     return max(least, misfit_allowance(fitted, others, scores, dismissed), left, resolved_gain(score.family, fitted))
 
 
@@ -226,7 +219,7 @@ def misfit_allowance(
     chance, it leaves nothing. A free law says nothing of what it leaves, which is at most half of what is left: what
     explains more than that is no error of another law.
     """
-    left = 0.5 * max(fitted.per_freedom - 1.0, 0.0) * fitted.samples
+    left = 0.5 * max(fitted.reduced_chi_square - 1.0, 0.0) * fitted.samples
 
     def error(step: Step) -> float:
         if step.family.constant or step.corrects:
@@ -246,7 +239,7 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
     What has states of its own resonates: its gain at zero strength says little of that at another, and nothing where
     the model is far off. So it is fitted at each frequency or time constant.
     """
-    far = fitted.per_freedom > CLOSE
+    far = fitted.reduced_chi_square > CLOSE
     pairs = zip(scores, needed, strict=True)
     called = [each for each, least in pairs if each.p < level and each.gain > least and each.confirmed]
     chosen: list[Score] = []
@@ -282,7 +275,7 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
     step = accept(fitted, best.family, found, best.size, say, steps)
-    step.rivals, step.found = [(each.family, other) for each, other in fits[1:]], found.cost
+    step.rivals, step.cost_when_found = [(each.family, other) for each, other in fits[1:]], found.cost
     return step
 
 
@@ -298,7 +291,7 @@ def strength_shows(family: Family, fitted: Fitted) -> bool:
     """
     term = family.terms[0]
     i = fitted.indices_of([term])[0]
-    off = fitted.fit.shared[i] - term.neutral[0] / term.widths[0]
+    off = fitted.fit.shared[i] - term.neutral[0] / term.scales[0]
     return float(off**2) > float(chi2.isf(FALSE_ALARMS, 1)) * float(fitted.covariance[i, i])
 
 
@@ -311,7 +304,7 @@ def wald_gain(fitted: Fitted, step: Step) -> float:
     for term in fitted.structure.current(step.terms):
         at = fitted.indices_of([term])[: term.neutral.size]
         inside += at
-        off = np.append(off, fitted.fit.shared[at] - term.neutral / term.widths[: len(at)])
+        off = np.append(off, fitted.fit.shared[at] - term.neutral / term.scales[: len(at)])
     spread = np.linalg.pinv(fitted.covariance[np.ix_(inside, inside)], hermitian=True)
     return 0.5 * float(off @ spread @ off)
 
@@ -323,19 +316,16 @@ def penalised(score: Score, other: Fitted, fitted: Fitted) -> float:
 
 def explains_all(other: Fitted, fitted: Fitted) -> bool:
     """Whether a fit leaves next to nothing of what another left beyond the noise."""
-    return other.per_freedom - 1.0 < LAW_LEFT * (fitted.per_freedom - 1.0)
+    return other.reduced_chi_square - 1.0 < LAW_LEFT * (fitted.reduced_chi_square - 1.0)
 
 
 def refine_candidates(
-    fitted: Fitted,
-    chosen: Sequence[Score],
-    say: Say,
-    best: Fitted | None = None,
+    fitted: Fitted, chosen: Sequence[Score], say: Say, best: Fitted | None = None
 ) -> list[tuple[Score, Fitted]]:
     """Short fits of families, of which those near to the ``best`` fit so far are followed to their ends."""
     fits: list[tuple[Score, Fitted]] = []
-    half = 0.5 * (fitted.cost + 0.5 * fitted.freedom)
-    most_is_left = fitted.per_freedom > CLOSE and (best is None or best.cost > half)
+    half = 0.5 * (fitted.cost + 0.5 * fitted.residual_dof)
+    most_is_left = fitted.reduced_chi_square > CLOSE and (best is None or best.cost > half)
     for each in chosen:
         strong = each.family.has_states and most_is_left
         found = from_strengths(fitted, each, SHORT) if strong else short_fit(fitted, each.family)
@@ -345,10 +335,10 @@ def refine_candidates(
         return fits
     first, found = fits[0]
     short = fitted.cost - found.cost < PROMISED * first.gain
-    if fitted.weight == JOINED and not first.family.has_states and short:
+    if fitted.slack == TIGHT and not first.family.has_states and short:
         structure, start = with_more(fitted.structure, fitted.fit.shared, first.family)
-        again = with_windows_freed(fitted, structure, start)
-        if again.weight == JOINED and again.cost < found.cost:
+        again = with_continuity_relaxed(fitted, structure, start)
+        if again.slack == TIGHT and again.cost < found.cost:
             say(f"  {first.family.name}, windows free at first: gain {fitted.cost - again.cost:.1f}")
             fits[0] = first, again
     fits.sort(key=lambda pair: penalised(*pair, fitted))
@@ -358,7 +348,7 @@ def refine_candidates(
         if best is not None and other.cost > best.cost + near * (fitted.cost - best.cost):
             break
         again = other.refit()
-        say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.per_freedom:.4f}")
+        say(f"  {each.family.name}: gain {fitted.cost - again.cost:.1f}, chi-square {again.reduced_chi_square:.4f}")
         fits[rank] = (each, again)
         best = again if best is None else min(best, again, key=lambda each: each.cost)
     fits.sort(key=lambda pair: penalised(*pair, fitted))
@@ -366,12 +356,7 @@ def refine_candidates(
 
 
 def backward(
-    fitted: Fitted,
-    steps: list[Step],
-    least: float,
-    level: float,
-    say: Say,
-    found_here: bool,
+    fitted: Fitted, steps: list[Step], least: float, level: float, say: Say, found_here: bool
 ) -> tuple[Fitted, list[Step]]:
     """Leave out families that, with all others there, gain no more than chance at a ``level``, or than ``least``.
 
@@ -381,9 +366,9 @@ def backward(
     for step in sorted(steps, key=lambda each: each.gain):
         if found_here and len(kept) < 2:
             break
-        by_chance = 0.5 * chi2.isf(level, step.freedom)
+        by_chance = 0.5 * chi2.isf(level, step.dof)
         allowed = 0.0 if step.corrects else least
-        needed = max(by_chance, allowed, penalty(step.freedom, fitted), resolved_gain(step.family, fitted))
+        needed = max(by_chance, allowed, penalty(step.dof, fitted), resolved_gain(step.family, fitted))
         if min(wald_gain(fitted, step), step.gain_in(fitted)) > BEYOND_DOUBT * needed:
             continue
         rest, begun = without(fitted, step.terms, step.family.constant)

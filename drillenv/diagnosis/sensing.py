@@ -432,21 +432,21 @@ def _waves(frequency: float, orders: tuple[int, ...], n: int) -> Floats:
     return np.array([wave(order * turned) for order in orders for wave in (np.sin, np.cos)])
 
 
-def _free(names: Sequence[str], width: float, unit: str = "1") -> tuple[Unknown, ...]:
-    return tuple(Unknown(name, 0.0, width, 30.0 * width, unit=unit) for name in names)
+def _free(names: Sequence[str], scale: float, unit: str = "1") -> tuple[Unknown, ...]:
+    return tuple(Unknown(name, 0.0, scale, 30.0 * scale, unit=unit) for name in names)
 
 
 CELL_MASSES = _free(["m_c"] + [f"m_c {corner:g} Hz" for corner in CELL_CORNERS], 0.02, "kg")
 """Of a load cell: rigid, and behind low-passes."""
 
 
-def _own(effect: str, widths: dict[str, float], at: dict[str, float]) -> tuple[Unknown, ...]:
+def _own(effect: str, scales: dict[str, float], at: dict[str, float]) -> tuple[Unknown, ...]:
     """Parameters of the library; what may come late may come early."""
-    its = [REGISTRY[effect].parameter(symbol) for symbol in widths]
+    its = [REGISTRY[effect].parameter(symbol) for symbol in scales]
     lows = {each.symbol: -each.high if each.unit == "s" else each.low for each in its}
     # a resonance that is damped so much that no frequency is raised is a low-pass
     highs = {each.symbol: OVERDAMPED if each.symbol == "zeta_a" else each.high for each in its}
-    every = ((p.symbol, at[p.symbol], widths[p.symbol], math.inf, lows[p.symbol], highs[p.symbol], p.unit) for p in its)
+    every = ((p.symbol, at[p.symbol], scales[p.symbol], math.inf, lows[p.symbol], highs[p.symbol], p.unit) for p in its)
     return tuple(Unknown(*each) for each in every)
 
 
@@ -459,16 +459,6 @@ def _parts(rings: Sequence[float]) -> tuple[Unknown, ...]:
     smooth = [f"lag {1e6 * lag:g} us" for lag in LAGS] + [f"low-pass {corner:g} Hz" for corner in CORNERS]
     ringing = [f"ring {each:.0f} Hz {part}" for each in rings for part in ("below", "band")]
     return _free(smooth, 0.2) + _free(ringing, 0.1)
-
-
-def free_response(rings: Sequence[float]) -> Response:
-    """Any response of an accelerometer that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
-    return Response(ACCELEROMETER, _parts(rings), 1, law=partial(_response, tuple(rings)))
-
-
-def free_cell(rings: Sequence[float]) -> Response:
-    """A load cell of any such response that carries a mass."""
-    return Response(CELL, CELL_MASSES + _parts(rings), 0, law=partial(_cell, tuple(rings)))
 
 
 def added(
@@ -484,8 +474,8 @@ def added(
     steady = [f" {order} {wave}" for order in orders for wave in ("sin", "cos")] or [""]
     waves = [power + wave for power in powers for wave in steady]
     for name in names:
-        for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
-            first += _free([f"{what}{wave} {channel} {name}" for wave in waves], width, unit)
+        for (channel, unit), scale in zip(CHANNELS, WIDTHS, strict=True):
+            first += _free([f"{what}{wave} {channel} {name}" for wave in waves], scale, unit)
     return Added(what, first, stage, (), effect, frequency, tuple(orders), degree, tuple(names))
 
 
@@ -493,8 +483,8 @@ def _charges(names: Sequence[str]) -> list[Unknown]:
     """Of the coupling of each channel, in each recording."""
     found: list[Unknown] = []
     for name in names:
-        for (channel, unit), width in zip(CHANNELS, WIDTHS, strict=True):
-            found += _free([f"charge {channel} {name}"], width, unit)
+        for (channel, unit), scale in zip(CHANNELS, WIDTHS, strict=True):
+            found += _free([f"charge {channel} {name}"], scale, unit)
     return found
 
 
@@ -509,9 +499,9 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
         ("lag", _delay, {"delay_f": 2e-5, "delay_a": 2e-5}, lags),
     )
     found: list[Sensor] = []
-    for free, law, widths, at in table:
+    for free, law, scales, at in table:
         name = mechanism_of_law(free)
-        found.append(Response(name, _own(name, widths, at[0]), REGISTRY[name].stage, at, name, law))
+        found.append(Response(name, _own(name, scales, at[0]), REGISTRY[name].stage, at, name, law))
     coupled = mechanism_of_law(HIGH_PASS)
     corners = _own(coupled, {"corner_f": 0.05, "corner_a": 0.05}, {"corner_f": 0.5, "corner_a": 0.5})
     found.append(Coupling(coupled, (*corners, *_charges(names)), 3, effect=coupled, names=tuple(names)))
@@ -537,12 +527,14 @@ def sensor_families(names: Sequence[str], rate: float, lines: Collection[float] 
     """Free laws at zero, of these recordings; of hums of ``lines`` in Hz that are there, the amplitude may swell."""
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
+    rings = _resonators(8, rate)
+    rising, cell = partial(_response, rings), partial(_cell, rings)
     found: list[tuple[str, str, Sensor]] = [
-        (ACCELEROMETER, "", free_response(_resonators(8, rate))),
+        (ACCELEROMETER, "", Response(ACCELEROMETER, _parts(rings), 1, law=rising)),
         ("lag", "", Response(FORCE_LAG, _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
-        ("load cell", " with a response of its own", free_cell(_resonators(8, rate))),
+        ("load cell", " with a response of its own", Response(CELL, CELL_MASSES + _parts(rings), 0, law=cell)),
         (OFFSET, "", added(names)),
         (OFFSET, " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),

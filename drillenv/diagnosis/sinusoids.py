@@ -27,7 +27,7 @@ class Channel(NamedTuple):
 
     index: int
     name: str
-    width: float
+    scale: float
     """About what its amplitude may change by."""
     unit: str
     kind: int
@@ -153,7 +153,7 @@ def sinusoid(
         for channel in used:
             for wave in ("sine", "cosine"):
                 own = f"{channel.name} {wave} {name}"
-                unknowns.append(Unknown(own, 0.0, channel.width, 30.0 * channel.width, unit=channel.unit))
+                unknowns.append(Unknown(own, 0.0, channel.scale, 30.0 * channel.scale, unit=channel.unit))
     name = f"{kind.name} {frequency:.1f} Hz"
     return Sinusoid(name, tuple(unknowns), kind.symbol, kind.per_hertz, used, tuple(recordings))
 

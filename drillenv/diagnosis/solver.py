@@ -46,7 +46,7 @@ class Quadratic(NamedTuple):
     """(m, k)"""
     shared: Floats
     """(k, k)"""
-    scale: Floats
+    damping_scale: Floats
     """(m,) curvature by which the own unknowns are damped: that of the data alone. Damping by the continuity
     constraints, which are stiff, would hold back all windows where they have to move together."""
 
@@ -123,7 +123,7 @@ def factor(part: Quadratic, damping: float) -> tuple[Floats, bool]:
     """Cholesky factor of a block's Hessian with damping on its diagonal."""
     # each by its own size: one that is steep, as where a contact is grazed, must not hold back the others
     floor = 1e-12 * np.diag(part.own) + 1e-300
-    return cho_factor(part.own + np.diag(damping * part.scale + floor), lower=True, check_finite=False)
+    return cho_factor(part.own + np.diag(damping * part.damping_scale + floor), lower=True, check_finite=False)
 
 
 def eliminated(part: Quadratic, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -238,7 +238,7 @@ def _advanced(
     """
     tried = list(each(lambda block, *given: block.try_step(point, *given), blocks, own, moves, costs))
     if sum(costs) - sum(cost for cost, _ in tried) < least:
-        tried = list(each(lambda block, *given: block.corrected(point, *given), blocks, tried, costs))
+        tried = list(each(lambda block, *given: block.inner_steps(point, *given), blocks, tried, costs))
     return tried
 
 

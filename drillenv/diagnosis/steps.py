@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import CONVERGED, SHORT, Fitted, joined, penalty
+from drillenv.diagnosis.fitting import CONVERGED, SHORT, Fitted, penalty, tighten_continuity
 from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
 from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
 from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
@@ -29,7 +29,7 @@ class Step:
 
     family: Family
     gain: float
-    freedom: int
+    dof: int
     samples: int
     """Of the fit by which it was found."""
     after: Fitted
@@ -38,11 +38,11 @@ class Step:
     """Those of its law in the fit."""
     rivals: list[tuple[Family, Fitted]]
     """Families that were fitted at the same step."""
-    found: float = 0.0
+    cost_when_found: float = 0.0
     """Cost of the family's own fit at that step."""
     pending: bool = False
     """Whether the equations have not been tried yet."""
-    beside: int = 0
+    steps_when_tried: int = 0
     """Families that were there, itself included, when the equations were tried."""
     detail: int = 1
     """The resolution of its law that was tried last while the model was not close."""
@@ -71,7 +71,7 @@ def add_step(steps: list[Step], step: Step) -> None:
     corrected = next((each for each in steps if each.family.group == step.family.group), None)
     if corrected is None:
         steps.append(step)
-        step.beside = len(steps)
+        step.steps_when_tried = len(steps)
     else:
         corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
 
@@ -101,7 +101,7 @@ def criterion(other: Fitted, fitted: Fitted) -> float:
     return other.cost + penalty(other.fit.shared.size, fitted)
 
 
-def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say, steps: Sequence[Step] = ()) -> Step:
+def accept(fitted: Fitted, family: Family, found: Fitted, dof: int, say: Say, steps: Sequence[Step] = ()) -> Step:
     """A family that was chosen, with its windows joined, and the equation that its law follows.
 
     Where none does, and something else is missing as well, they are tried again once the model is close. What corrects
@@ -109,15 +109,15 @@ def accept(fitted: Fitted, family: Family, found: Fitted, freedom: int, say: Say
     force would leave, or follows no equation beside one that explains more, corrects that law; and so does what is a
     part of a measured law that explains more.
     """
-    loose = found.weight
-    found = joined(found)
-    if found.weight < loose:
-        say(f"  joined: chi-square {found.per_freedom:.4f}")
+    loose = found.slack
+    found = tighten_continuity(found)
+    if found.slack < loose:
+        say(f"  joined: chi-square {found.reduced_chi_square:.4f}")
     named = Named(family.mechanism, None)
     gain = max(fitted.cost - found.cost, 1.0)
     of_equation = any(each.family.group == family.group and each.named.equation is not None for each in steps)
     pending = not (of_equation or family.constant)
-    step = Step(family, gain, freedom, fitted.samples, found, named, family.terms, [], pending=pending)
+    step = Step(family, gain, dof, fitted.samples, found, named, family.terms, [], pending=pending)
     beside = measured_beside(family, fitted, steps)
     explained = max((each.gain_in(fitted) for each in beside), default=0.0)
     contained = any(fitted.structure.rig.contains(each.family, family) for each in beside)
@@ -139,7 +139,7 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
         named, other = name_law(found, family, gain, say)
     else:
         named, other = step.named, found
-    if named.equation is None and found.per_freedom > CLOSE:
+    if named.equation is None and found.reduced_chi_square > CLOSE:
         return replace(step, named=named, after=found)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if family.terms and (named.equation is None or other.cost > found.cost):
@@ -149,20 +149,20 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
             terms = finer.structure.current(family.terms)
             measured, other = replace(named, equation=None), finer
             named = named_by_law(measured, finer, replace(family, terms=terms), gain)
-    if named.tried and named.equation is None and other.per_freedom > 1.0 + LEFT:
+    if named.tried and named.equation is None and other.reduced_chi_square > 1.0 + LEFT:
         both, joint = corrected_equation(named, other, family)
         # priors that make a law smooth are a part of its cost, and none of what a correction gains
         if both.cost < min(other.cost, found.cost) - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
-            say(f"  with a free correction: chi-square {both.per_freedom:.4f}")
+            say(f"  with a free correction: chi-square {both.reduced_chi_square:.4f}")
             named.equation, other, terms = None, both, joint
-    close = other.per_freedom < CLOSE
+    close = other.reduced_chi_square < CLOSE
     noise = other.structure.rig.noise_left(other) if close else other.noise
     structure = on_axes(other.structure, other.structure.rig.axes_at(other))
     # what else is missing moves a far model's minimum, so that to follow it to its end is in vain
     limits = CONVERGED if close else SHORT
     other = other.refit(structure, limits=limits, noise=noise)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
-    say(f"  {named.mechanism}, {form}: chi-square {other.per_freedom:.4f}")
+    say(f"  {named.mechanism}, {form}: chi-square {other.reduced_chi_square:.4f}")
     provisional = named.equation is not None and not close
     return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional)
 
@@ -172,7 +172,7 @@ def corrected_equation(named: Named, other: Fitted, family: Family) -> tuple[Fit
     equation, values, _ = named.tried[0]
     rest, begun = without(other, family.terms)
     rest = replace(rest, terms=(*rest.terms, equation))
-    both = other.refit(*with_more(rest, np.append(begun, values / equation.widths), family))
+    both = other.refit(*with_more(rest, np.append(begun, values / equation.scales), family))
     return both, (equation, *family.terms)
 
 
@@ -192,13 +192,13 @@ def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
         if each.name == chosen.name or worse - step.named.tried[0].worse > beside:
             continue
         structure = replace(rest, terms=(*rest.terms, each))
-        other = fitted.refit(structure, np.concatenate([begun, values / each.widths]), SHORT, states_first=True)
+        other = fitted.refit(structure, np.concatenate([begun, values / each.scales]), SHORT, states_first=True)
         say(f"  {each.name} again: worse by {other.cost - fitted.cost:.1f}")
         if criterion(other, fitted) < criterion(best, fitted):
             best, equation = other, each
     if equation is not chosen:
         best = best.refit()
-        say(f"  {equation.effect}, {equation.name}: chi-square {best.per_freedom:.4f}")
+        say(f"  {equation.effect}, {equation.name}: chi-square {best.reduced_chi_square:.4f}")
     named = replace(step.named, equation=equation, mechanism=equation.effect)
     return replace(step, after=best, named=named, terms=(equation,), provisional=False)
 
@@ -220,9 +220,9 @@ def with_finer_law(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | 
 
     The law that explains most comes first; None where none gets finer and explains a part of what is left by that.
     """
-    if fitted.per_freedom < CLOSE:
+    if fitted.reduced_chi_square < CLOSE:
         return None
-    left = LAW_LEFT * (fitted.cost - 0.5 * fitted.freedom)
+    left = LAW_LEFT * (fitted.cost - 0.5 * fitted.residual_dof)
     for step in sorted(steps, key=lambda each: -each.gain):
         curved = any(isinstance(each, Curve | Gain) for each in step.terms)
         if curved and step.named.equation is None and step.detail < DETAILS[-1] and step.terms == step.family.terms:
@@ -230,7 +230,7 @@ def with_finer_law(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | 
             finer = with_detail(fitted, step.family, step.detail)
             more = penalty(finer.fit.shared.size - fitted.fit.shared.size, fitted)
             if finer.cost < fitted.cost - max(more, left):
-                say(f"  a finer law of {step.named.mechanism}: chi-square {finer.per_freedom:.4f}")
+                say(f"  a finer law of {step.named.mechanism}: chi-square {finer.reduced_chi_square:.4f}")
                 step.terms = finer.structure.current(step.terms)
                 step.family = replace(step.family, terms=step.terms)
                 return finer
@@ -246,16 +246,16 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
     for i, step in enumerate(steps):
         names = {each.name for each in step.family.terms}
         measured = step.named.equation is None and not step.corrects and names == {each.name for each in step.terms}
-        if not measured or step.family.constant or step.beside == len(steps):
+        if not measured or step.family.constant or step.steps_when_tried == len(steps):
             continue
         lacked = min((each.worse for each in step.named.tried), default=0.0)
-        step.beside = len(steps)
+        step.steps_when_tried = len(steps)
         if lacked * fitted.samples / step.samples > gain_of_others(steps, step, fitted):
             continue
         family = replace(step.family, terms=fitted.structure.current(step.family.terms))
         named, other = name_law(fitted, family, step.gain, say)
         if named.equation is not None:
-            say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.per_freedom:.4f}")
+            say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.reduced_chi_square:.4f}")
             steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
             return other
     return None
@@ -268,10 +268,10 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
     that follows an equation to the noise leaves nothing that a rival could do better.
     """
     for step in steps:
-        follows = step.named.equation is not None and fitted.per_freedom < 1.0 + LEFT
+        follows = step.named.equation is not None and fitted.reduced_chi_square < 1.0 + LEFT
         if step.family.constant or step.corrects or follows:
             continue
-        close = [family for family, other in step.rivals if other.cost - step.found < LAW_LEFT * step.gain]
+        close = [family for family, other in step.rivals if other.cost - step.cost_when_found < LAW_LEFT * step.gain]
         step.rivals = [each for each in step.rivals if each[0] not in close]
         rest, begun = without(fitted, step.terms)
         for family in close:
@@ -288,7 +288,7 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
             found = accept(base, family, other, family.size, say)
             # an equation that it follows has fewer parameters than its free law
             if criterion(found.after, fitted) < criterion(fitted, fitted):
-                step.family, step.freedom, step.named, step.terms = family, family.size, found.named, found.terms
+                step.family, step.dof, step.named, step.terms = family, family.size, found.named, found.terms
                 step.pending, step.provisional, step.detail = found.pending, found.provisional, 1
                 return found.after
     return None

@@ -112,7 +112,7 @@ class Unknown(NamedTuple):
     name: str
     value: float
     """Where it begins, and the centre of its prior."""
-    width: float
+    scale: float
     """Its unit in the solver: about what it may change by."""
     std: float = math.inf
     """Of its prior."""
@@ -136,16 +136,16 @@ class Term:
     stage = 0
     """Sensors act in rising order of it."""
     has_states = False
-    """Whether it has states of its own, of the mount or the air."""
+    """Whether it has states of its own: of the mount, the air or bristles."""
     effect = ""
     """The mechanism of the library whose equation it is; none of a free law."""
     common = 1
     """How many of the parameters that :meth:`of_recording` returns all recordings have in common, the first ones."""
 
     @property
-    def widths(self) -> Floats:
+    def scales(self) -> Floats:
         """Units of the parameters in the solver."""
-        return np.array([each.width for each in self.unknowns])
+        return np.array([each.scale for each in self.unknowns])
 
     @property
     def neutral(self) -> Floats:
@@ -190,7 +190,7 @@ class Term:
 
     def held(self, name: str) -> Term:
         """The same with one that is believed as stated."""
-        return replace(self, unknowns=tuple(e._replace(std=e.width) if e.name == name else e for e in self.unknowns))
+        return replace(self, unknowns=tuple(e._replace(std=e.scale) if e.name == name else e for e in self.unknowns))
 
     @property
     def observes(self) -> bool:
@@ -221,9 +221,9 @@ class ModelStructure:
         return tuple(each for term in self.terms for each in term.unknowns)
 
     @cached_property
-    def widths(self) -> Floats:
+    def scales(self) -> Floats:
         """Their units in the solver."""
-        return np.array([each.width for each in self.unknowns])
+        return np.array([each.scale for each in self.unknowns])
 
     @cached_property
     def parts(self) -> list[slice]:
@@ -255,7 +255,7 @@ class ModelStructure:
         return model
 
     @property
-    def has_states(self) -> bool:
+    def sensors_have_memory(self) -> bool:
         """Whether sensors remember for longer than the logger's filter."""
         return any(term.observes and type(term).kernel is Term.kernel for term in self.terms)
 

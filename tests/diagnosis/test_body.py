@@ -540,7 +540,7 @@ def balance(shaken):
 def test_derivatives_are_those_of_the_cost(balance):
     """Gradient and Hessian of a block against differences of its cost and gradient."""
     rng = np.random.default_rng(1)
-    begun = np.array([each.value / each.width for each in balance.structure.unknowns])
+    begun = np.array([each.value / each.scale for each in balance.structure.unknowns])
     at, none = begun + 0.3 * rng.normal(size=begun.size), np.zeros(0)
     part = balance.quadratic(at, none)
     for _ in range(5):

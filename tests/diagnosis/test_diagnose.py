@@ -18,7 +18,7 @@ from drillenv.diagnosis.drill_diagnosis import held_out
 from drillenv.diagnosis.drill_noise import noise_of
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.drill_unknowns import PRESSURE_LABEL, STATE_WIDTHS, first_states
-from drillenv.diagnosis.fitting import FREE
+from drillenv.diagnosis.fitting import RELAXED
 from drillenv.diagnosis.report import diagnose
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure
@@ -68,7 +68,7 @@ def campaign_with(rig=None, effects=(), sensors=(), seed=0, seconds=0.25):
 def nominal_block(campaign, data):
     """A recording with the paper's model at what the campaign states, its windows nearly free."""
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-    return ShootingProblem(data, ModelStructure((constants(campaign.nominal),), flat, DRILL), FREE, noise_of(data))
+    return ShootingProblem(data, ModelStructure((constants(campaign.nominal),), flat, DRILL), RELAXED, noise_of(data))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def followed():
     campaign = campaign_with()
     data = condition(campaign.recordings[0], Rig())
     block = nominal_block(campaign, data)
-    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    shared = np.array([each.value / each.scale for each in block.structure.unknowns])
     return block, shared, block.estimate_states(shared, first_states(data))
 
 
@@ -89,9 +89,9 @@ def test_noise_is_told_from_the_signal():
 
 def test_states_read_from_the_measurements_start_the_model_near_them(followed):
     block, shared, _ = followed
-    values = shared * block.widths
+    values = shared * block.scales
     model = block.structure.model(values, block.point)
-    said = block.integrate(model, first_states(block.data)).said
+    said = block.integrate(model, first_states(block.data)).signals
     left = (block.measured - block.read(values, said))[0, block.evaluation]
     # the peaks are of 1.5 kN; without any fit the model follows them within a tenth of their rms
     assert np.std(left) < 0.1 * np.sqrt(np.mean(block.measured[0, block.evaluation] ** 2))

@@ -11,7 +11,7 @@ from drillenv.diagnosis import drill
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized
-from drillenv.diagnosis.fitting import FREE, JOINED
+from drillenv.diagnosis.fitting import RELAXED, TIGHT
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import SPRING_FROM_REST
@@ -25,8 +25,8 @@ FREQUENCIES = (60.0, 90.0, 120.0)
 def plain():
     """A recording with the paper's model, joined, and where its windows begin."""
     campaign = campaign_with()
-    block = replace(nominal_block(campaign, condition(campaign.recordings[0], Rig())), weight=1.0)
-    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    block = replace(nominal_block(campaign, condition(campaign.recordings[0], Rig())), slack=1.0)
+    shared = np.array([each.value / each.scale for each in block.structure.unknowns])
     return block, shared, block.estimate_states(shared, block.rollout(shared, first_states(block.data)))
 
 
@@ -47,7 +47,7 @@ def test_states_stay_what_they_are_beside_many_lines(plain):
 def with_law(plain, group):
     """The same with a law of the coupling, its own unknowns on the way to their best."""
     block, shared, own = plain
-    model = block.structure.model(shared * block.widths, block.point)
+    model = block.structure.model(shared * block.scales, block.point)
     path = block.integrate(model, own, path=True).path[:, : block.inside.stop // block.stride]
     path = path[:, block.inside.start // block.stride :].copy()
     # room for what a law does to the shortening
@@ -64,7 +64,7 @@ def test_a_law_on_wider_axes_moves_the_same(plain, group):
     block, shared, own = with_law(plain, group)
     other = replace(block, structure=on_axes(block.structure, wider(block.structure.axes)))
     one, two = (
-        each.integrate(each.structure.model(shared * each.widths, each.point), own).said for each in (block, other)
+        each.integrate(each.structure.model(shared * each.scales, each.point), own).signals for each in (block, other)
     )
     assert np.sqrt(np.mean((one - two) ** 2)) < 2e-4 * np.sqrt(np.mean(one**2))
 
@@ -77,7 +77,7 @@ def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     """Constants that are a few hundredths off, and what they are off in the law instead."""
     block, shared, own = with_law(plain, group)
     shared[list(wrong)] *= 1.03
-    values = shared * block.widths
+    values = shared * block.scales
     places = [each.place for each in block.structure.terms if isinstance(each, Curve)]
     same = reparametrise_to_nominal(block.structure, values, places)
     stated = np.array([each.value for each in block.structure.terms[0].unknowns])
@@ -89,8 +89,8 @@ def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
     )
     for place, more in same.more.items():
         other.free[place] += more
-    one = block.integrate(model, own).said
-    two = replace(block, structure=structure).integrate(other, own).said
+    one = block.integrate(model, own).signals
+    two = replace(block, structure=structure).integrate(other, own).signals
     assert np.sqrt(np.mean((one - two) ** 2)) < 1e-3 * np.sqrt(np.mean(one**2))
 
 
@@ -121,7 +121,7 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
 def test_the_shortening_is_found_where_the_coupling_has_play(plain):
     """Stiffness, and nothing at all within the play: Newton's method alone goes to and fro."""
     block, shared, _ = plain
-    model = block.structure.model(shared * block.widths, block.point)
+    model = block.structure.model(shared * block.scales, block.point)
     scale = np.full(PLACES, 1.0)
     axes = Axes(scale, np.full(PLACES, np.arcsinh(-3e-3)), np.full(PLACES, 2.0 * np.arcsinh(3e-3) / (GRID - 1)))
     x = axes.points(SPRING_FROM_REST)
@@ -134,7 +134,7 @@ def test_the_shortening_is_found_where_the_coupling_has_play(plain):
 @pytest.mark.parametrize("group", ["spring", "damper"])
 def test_forces_of_the_coupling_are_inverted(plain, group):
     block, shared, _ = with_law(plain, group)
-    model, axes = block.structure.model(shared * block.widths, block.point), block.structure.axes
+    model, axes = block.structure.model(shared * block.scales, block.point), block.structure.axes
     x = np.linspace(-1.5, 1.5, 301)
     assert shortening(spring_coordinate(4e-3 * x, model, axes), model, axes) == pytest.approx(4e-3 * x, abs=1e-11)
     assert closing_speed(damper_force(x, model, axes), model, axes) == pytest.approx(x, abs=1e-9)
@@ -143,6 +143,6 @@ def test_forces_of_the_coupling_are_inverted(plain, group):
 def test_what_comes_beside_the_masses_goes_on_where_windows_are_free(plain):
     """Else a mount or the air could begin in each window where it explains most, without any strength."""
     block, _, _ = plain
-    tight, loose = (replace(block, weight=weight).continuity(OWN) for weight in (JOINED, FREE))
+    tight, loose = (replace(block, slack=slack).continuity(OWN) for slack in (TIGHT, RELAXED))
     assert np.all(tight[MASSES:] == loose[MASSES:])
-    assert loose[Y] == FREE * tight[Y]
+    assert loose[Y] == RELAXED * tight[Y]

@@ -40,11 +40,11 @@ def test_nothing_missing_agrees():
     made, outcome = diagnosed(21)
     assert outcome.verdict in ("agrees", "parameters")
     assert not outcome.steps
-    assert outcome.final.per_freedom == pytest.approx(1.0, abs=0.02)
+    assert outcome.final.reduced_chi_square == pytest.approx(1.0, abs=0.02)
     spread = np.sqrt(np.diag(outcome.final.fit.covariance))
     for i, unknown in enumerate(outcome.final.structure.unknowns[:8]):
         off = outcome.final.values[i] - made.true._asdict()[unknown.name]
-        assert abs(off) < 4.5 * spread[i] * unknown.width, unknown.name
+        assert abs(off) < 4.5 * spread[i] * unknown.scale, unknown.name
 
 
 def test_a_wrong_constant_is_named_and_right(monkeypatch):
@@ -86,7 +86,7 @@ def test_a_mount_is_looked_for_where_it_resonates():
         plain = plain_fit(campaign, data, pool)
         tried = [each for each in DRILL.candidates(plain) if each.group == "mount"]
         first, *others = at_peaks(plain, tried)
-        assert plain.per_freedom > 5.0 and len(others) < PEAKS
+        assert plain.reduced_chi_square > 5.0 and len(others) < PEAKS
         assert first.look_elsewhere == len(tried)
         ((score,), _level) = score_tests(plain, [first])
         found = from_strengths(plain, score, SHORT)
@@ -142,7 +142,7 @@ def test_a_hum_that_swells_is_followed():
     hum = concealing("mains-hum", at, f_m=50.03, b_e=0.0, b_f=20.0, b_a=10.0, swell=0.8, f_swell=2.0)
     _, outcome = diagnosed(25, hum)
     assert [each.named.mechanism for each in outcome.steps] == ["mains-hum"]
-    assert outcome.final.per_freedom < 1.0 + LEFT
+    assert outcome.final.reduced_chi_square < 1.0 + LEFT
     # recordings held out have it as lines beside each other
     lines = own_lines(outcome.final)
     assert len(lines) >= 3 and all(abs(line - 50.0) < 2.0 for line in lines)

@@ -134,7 +134,7 @@ def test_the_motion_is_that_of_the_concealed_rig(bench):
     windows = Windows(starts, begin, np.zeros((1, 0, V.OWN)), 25600.0, 0.3, 0.0, False, 1, 0.0)
     found = shot(made, windows, columns_of((), model, bench.axes, made, 0), 1e-9)
     inside = slice(*starts)
-    for simulated, measured in zip(found.said, (kept.rock, kept.acceleration), strict=True):
+    for simulated, measured in zip(found.signals, (kept.rock, kept.acceleration), strict=True):
         assert np.max(np.abs(simulated[inside] - measured[inside])) < 1e-3 * np.max(np.abs(measured[inside]))
     # on the rock, w is the force of the rock law over k_l in both of its ways
     on = kept.regime[inside] != 0
@@ -157,7 +157,7 @@ def test_derivatives_by_free_laws(bench, place):
 
     found = bench.run(with_share(1.0), [Column(int(LAW), place=place, change=law)])
     step = 1e-4
-    difference = bench.run(with_share(1.0 + step)).said - bench.run(with_share(1.0 - step)).said
+    difference = bench.run(with_share(1.0 + step)).signals - bench.run(with_share(1.0 - step)).signals
     assert apart(bench, found.by_column[0], difference / (2.0 * step)) < 2e-3
 
 
@@ -208,7 +208,7 @@ def test_derivatives_by_parameters_of_equations(bench, name, p, j, share):
     changes = equation_change(law(p), law(ahead), k, k)
     columns = [Column(int(LAW), law=i, pieces=pieces / step) for i, pieces in enumerate(changes)]
     found = bench.run(at(p), columns).by_column.sum(axis=0)
-    difference = (bench.run(at(ahead)).said - bench.run(at(behind)).said) / (2.0 * step)
+    difference = (bench.run(at(ahead)).signals - bench.run(at(behind)).signals) / (2.0 * step)
     assert apart(bench, found, difference) < 5e-3
 
 

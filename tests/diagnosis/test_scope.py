@@ -154,7 +154,7 @@ class Made:
 class Model:
     """As much of a fit as is looked at."""
 
-    per_freedom: float
+    reduced_chi_square: float
     structure: Any = field(default_factory=Made)
 
 

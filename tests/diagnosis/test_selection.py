@@ -10,7 +10,7 @@ import pytest
 from drillenv.diagnosis import naming, resolution, selection, steps
 from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
-from drillenv.diagnosis.fitting import JOINED, Fitted, penalty
+from drillenv.diagnosis.fitting import TIGHT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
 from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
@@ -39,13 +39,15 @@ class OfTheContact(Adapter):
         return (family.group, other.group) == ("response", "lag")
 
 
-def fit(per_freedom: float, resolved: float = 0.0) -> Any:
+def fit(reduced_chi_square: float, resolved: float = 0.0) -> Any:
     structure = Fake(rig=OfTheContact())
-    return Fake(per_freedom=per_freedom, samples=SAMPLES, resolved=resolved, noise=[], structure=structure)
+    return Fake(
+        reduced_chi_square=reduced_chi_square, samples=SAMPLES, resolved=resolved, noise=[], structure=structure
+    )
 
 
-def score(group: str, gain: float, freedom: int = 8, constant: str = "") -> Any:
-    return Fake(family=Fake(group=group, constant=constant), gain=gain, freedom=freedom)
+def score(group: str, gain: float, dof: int = 8, constant: str = "") -> Any:
+    return Fake(family=Fake(group=group, constant=constant), gain=gain, dof=dof)
 
 
 def step(group: str, gain: float, equation: object) -> Any:
@@ -78,14 +80,14 @@ def test_what_may_correct_a_measured_law_of_the_same_force_is_let_in():
     """A contact's friction that depends on depth and speed at once is no sum of laws of each."""
     measured, equation = step("contact speed", 1e5, None), step("contact speed", 1e5, "hunt-crossley")
     other = score("contact law", 500.0)
-    assert least_gain(other, fit(1.5), [measured], [other]) == pytest.approx(penalty(other.freedom, fit(1.5)))
+    assert least_gain(other, fit(1.5), [measured], [other]) == pytest.approx(penalty(other.dof, fit(1.5)))
     assert least_gain(other, fit(1.5), [equation], [other]) == pytest.approx(LAW_LEFT**2 * 1e5)
     # what it corrects is held against all others, and the correction itself against none
     correction = step("contact law", 500.0, None)
     correction.corrects = True
     damper = score("damper", 50.0)
     assert least_gain(damper, fit(1.5), [measured, correction], []) == pytest.approx(LAW_LEFT**2 * 1e5)
-    assert least_gain(damper, fit(1.5), [correction], []) == pytest.approx(penalty(damper.freedom, fit(1.5)))
+    assert least_gain(damper, fit(1.5), [correction], []) == pytest.approx(penalty(damper.dof, fit(1.5)))
 
 
 @pytest.mark.parametrize(
@@ -101,7 +103,7 @@ def test_what_may_correct_a_measured_law_of_the_same_force_is_let_in():
 )
 def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equation, lacks, pending, corrects):
     """It is a mechanism where it explains more than the other's errors and an equation follows it, or most of it."""
-    monkeypatch.setattr(steps, "joined", lambda fitted, *_: fitted)
+    monkeypatch.setattr(steps, "tighten_continuity", lambda fitted, *_: fitted)
 
     def identified(fitted, found, say):
         return replace(
@@ -110,7 +112,7 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
 
     monkeypatch.setattr(steps, "identify_equation", identified)
     before, after = fit(1.1), fit(1.05)
-    before.cost, after.cost, after.weight = gain, 0.0, 1.0
+    before.cost, after.cost, after.slack = gain, 0.0, 1.0
     family: Any = Fake(name="contact law", group="contact law", constant="", mechanism="contact-power-law", terms=())
     found = accept(before, family, after, 8, lambda _: None, [step("contact speed", 1e5, None)])
     assert found.corrects == corrects
@@ -119,11 +121,11 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
 @pytest.mark.parametrize(("gain", "equation", "corrects"), [(5e3, None, True), (2e5, None, False), (5e3, "one", False)])
 def test_a_part_of_a_measured_law_is_no_mechanism_beside_it(monkeypatch, gain, equation, corrects):
     """A channel's response has its delay: where one was measured, what a delay gains corrects it, unless it is more."""
-    monkeypatch.setattr(steps, "joined", lambda fitted, *_: fitted)
+    monkeypatch.setattr(steps, "tighten_continuity", lambda fitted, *_: fitted)
     by_delay = Named("channel-delay", "delay", ())
     monkeypatch.setattr(steps, "identify_equation", lambda _, found, say: replace(found, named=by_delay))
     before, after = fit(1.1), fit(1.05)
-    before.cost, after.cost, after.weight = gain, 0.0, 1.0
+    before.cost, after.cost, after.slack = gain, 0.0, 1.0
     family: Any = Fake(name="lag", group="lag", constant="", mechanism="channel-delay", terms=())
     assert accept(before, family, after, 1, lambda _: None, [step("response", 1e5, equation)]).corrects == corrects
 
@@ -149,7 +151,7 @@ def test_a_delay_that_filters_of_channels_have_anyway_is_no_mechanism(delays, ma
     family = next(each for each in sensor_families(["r01", "r02"], 25600.0) if each.name == "lag of each recording")
     term = family.terms[0]
     structure = ModelStructure((term,), FLAT, DRILL)
-    fitted = Fitted(structure, [], Fake(shared=np.array(delays) / term.widths))  # type: ignore[arg-type]
+    fitted = Fitted(structure, [], Fake(shared=np.array(delays) / term.scales))  # type: ignore[arg-type]
     assert selection.is_material(family, fitted) == material
     offset = next(each for each in sensor_families(["r01"], 25600.0) if each.name == "offset")
     assert selection.is_material(offset, fitted)
@@ -166,7 +168,7 @@ def test_an_equation_does_not_come_near_to_a_simpler_one_that_is_singular():
 @pytest.mark.parametrize(("costs", "chosen"), [((90.0, 200.0), "coulomb"), ((115.0, 200.0), "stribeck")])
 def test_an_equation_that_was_chosen_in_a_far_model_is_provisional(monkeypatch, costs, chosen):
     """Beside what else was missing then, one with more parameters may have done better than the true one."""
-    unknown = Fake(value=0.0, width=1.0)
+    unknown = Fake(value=0.0, scale=1.0)
     stribeck, coulomb, rounded = (
         Equation(name, (unknown,) * size, effect="indenter-friction")  # type: ignore[arg-type]
         for name, size in (("stribeck", 3), ("coulomb", 1), ("rounded", 2))
@@ -174,7 +176,7 @@ def test_an_equation_that_was_chosen_in_a_far_model_is_provisional(monkeypatch, 
     made = dict(zip(("coulomb", "rounded"), costs, strict=True))
 
     class Close:
-        samples, cost, per_freedom = SAMPLES, 100.0, 1.1
+        samples, cost, reduced_chi_square = SAMPLES, 100.0, 1.1
 
         def __init__(self, structure, size, cost):
             self.structure, self.fit, self.cost = structure, Fake(shared=np.zeros(size)), cost
@@ -211,17 +213,17 @@ def test_the_gain_of_a_law_by_the_quadratic_of_the_likelihood():
     """Wald's: by all coefficients of a curve, and by the strength of an equation, wherever a fit of it begins."""
     unknown = Unknown("coefficient", 0.0, 2.0)
     equation = next(each for each in equations([INDENTER], []) if len(each.unknowns) == 2)
-    strength, width = equation.unknowns[0].value, equation.widths[0]
+    strength, scale = equation.unknowns[0].value, equation.scales[0]
     assert strength != 0.0
     terms = Term("constants", (unknown,)), Curve("curve", (unknown,) * 2), equation
     fitted = Fitted(
         ModelStructure(terms, FLAT, DRILL), [],
-        Fake(shared=np.array([9.0, 1.0, 2.0, strength / width, 9.0])),  # type: ignore[arg-type]
+        Fake(shared=np.array([9.0, 1.0, 2.0, strength / scale, 9.0])),  # type: ignore[arg-type]
     )  # fmt: skip
     vars(fitted)["covariance"] = np.diag([1.0, 0.5, 0.25, 4.0, 1.0])
     by_curve, by_equation, by_constant = (Fake(terms=each) for each in (terms[1:2], terms[2:], ()))
     assert selection.wald_gain(fitted, by_curve) == pytest.approx(0.5 * (1.0 / 0.5 + 4.0 / 0.25))  # type: ignore
-    assert selection.wald_gain(fitted, by_equation) == pytest.approx(0.5 * (strength / width) ** 2 / 4.0)  # type: ignore
+    assert selection.wald_gain(fitted, by_equation) == pytest.approx(0.5 * (strength / scale) ** 2 / 4.0)  # type: ignore
     assert selection.wald_gain(fitted, by_constant) == 0.0  # type: ignore[arg-type]
 
 
@@ -231,7 +233,7 @@ def test_a_correction_of_an_equation_is_spared_in_close_models_only():
     correction = score("mount", 5e3)
     close, far = (least_gain(correction, fit(chi_square), there, [correction]) for chi_square in (1.2, 3.0))
     assert close == pytest.approx(LAW_LEFT**2 * 1e6)
-    assert far == pytest.approx(penalty(correction.freedom, fit(3.0)))
+    assert far == pytest.approx(penalty(correction.dof, fit(3.0)))
 
 
 def test_what_an_equation_leaves_is_what_its_own_correction_gains():
@@ -243,7 +245,7 @@ def test_what_an_equation_leaves_is_what_its_own_correction_gains():
 def test_an_equation_whose_correction_was_dismissed_leaves_nothing():
     there, other = [step("hum", 1e4, "library")], score("air", 60.0)
     assert least_gain(other, fit(1.5), there, [other]) == pytest.approx(LAW_LEFT**2 * 1e4)
-    assert least_gain(other, fit(1.5), there, [other], {"hum"}) == pytest.approx(penalty(other.freedom, fit(1.5)))
+    assert least_gain(other, fit(1.5), there, [other], {"hum"}) == pytest.approx(penalty(other.dof, fit(1.5)))
     free = [step("hum", 1e4, None)]
     assert least_gain(other, fit(1.5), free, [other], {"hum"}) == pytest.approx(LAW_LEFT**2 * 1e4)
 
@@ -274,16 +276,16 @@ def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
 def test_a_family_is_begun_from_stated_constants_too_where_they_are_strained(monkeypatch, stiffness, std, left, again):
     """What a family explains constants may have taken up, and states with them."""
     structure = ModelStructure((Term("constants", (Unknown("stiffness", 100.0, 10.0, std),)),), FLAT, DRILL)
-    block: Any = Fake(weight=JOINED, samples=1001)
+    block: Any = Fake(slack=TIGHT, samples=1001)
     before = Fitted(structure, [block], Fake(shared=np.array([stiffness / 10.0]), own=[], cost=600.0))  # type: ignore
 
-    def with_family(fitted, _family, _limits, as_stated=False):
-        cost = 500.0 + (100.0 * left if not as_stated else 0.0)
-        return replace(fitted, fit=Fake(shared=fitted.fit.shared, own=[], cost=cost, as_stated=as_stated))
+    def with_family(fitted, _family, _limits, from_nominal=False):
+        cost = 500.0 + (100.0 * left if not from_nominal else 0.0)
+        return replace(fitted, fit=Fake(shared=fitted.fit.shared, own=[], cost=cost, from_nominal=from_nominal))
 
     monkeypatch.setattr(selection, "with_family", with_family)
     found: Any = selection.short_fit(before, Fake(constant=""))  # type: ignore[arg-type]
-    assert found.fit.as_stated == again
+    assert found.fit.from_nominal == again
 
 
 @pytest.mark.parametrize(
@@ -335,7 +337,7 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
         tried.append([each.name for each in families])
         return ScoreTests([], 0.01)
 
-    monkeypatch.setattr(selection, "joined", lambda fitted, *_: fitted)
+    monkeypatch.setattr(selection, "tighten_continuity", lambda fitted, *_: fitted)
     monkeypatch.setattr(
         selection,
         "still_possible",
@@ -368,21 +370,21 @@ def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
         structure: Any
         start: Any
         cost: float
-        samples, per_freedom, weight = SAMPLES, 1.05, 2.0
+        samples, reduced_chi_square, slack = SAMPLES, 1.05, 2.0
 
         def refit(self, structure=None, start=None, *_, **__):
             if structure is None:
                 return self
             if structure.terms[-1] is not coulomb:
                 return Valleys(structure, start, 300.0)
-            return Valleys(structure, start, 50.0 if start[-1] * coulomb.widths[0] < 100.0 else 280.0)
+            return Valleys(structure, start, 50.0 if start[-1] * coulomb.scales[0] < 100.0 else 280.0)
 
         @property
         def fit(self):
             return Fake(shared=self.start)
 
         def values_of(self, _name):
-            return self.start[-1:] * coulomb.widths
+            return self.start[-1:] * coulomb.scales
 
     rest = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
     monkeypatch.setattr(naming, "without", lambda *_: (rest, np.zeros(1)))

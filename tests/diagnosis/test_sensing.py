@@ -87,7 +87,7 @@ GIVEN = {
 @pytest.mark.parametrize("term", EVERY, ids=lambda term: f"{term.name} {len(term.unknowns)}")
 def test_reading_is_linear_and_none_of_what_is_padded_comes_early(term):
     rng = np.random.default_rng(3)
-    values = at_start(term) + np.array([each.width for each in term.unknowns]) * rng.normal(size=len(term.unknowns))
+    values = at_start(term) + np.array([each.scale for each in term.unknowns]) * rng.normal(size=len(term.unknowns))
     one, two = rng.normal(size=(2, 3, 2, 700))
     both = term.observe(values, 2.0 * one - two, point(0))
     apart = 2.0 * term.observe(values, one, point(0)) - term.observe(values, two, point(0))
@@ -110,7 +110,7 @@ def test_free_laws_change_nothing_at_zero_and_then_do(term):
     np.testing.assert_array_equal(read(term, values, signals, point(0)), signals)
     for i, each in enumerate(term.unknowns):
         step = np.zeros(len(values))
-        step[i] = each.width
+        step[i] = each.scale
         changed = np.abs(np.stack([read(term, step, signals, point(k)) for k in (0, 1)]) - signals).max()
         assert 1e-3 < changed < 1e3, each.name
 
@@ -217,13 +217,13 @@ def explained(term, change, rate=RATE, fine=16):
         rows = []
         for j, each in enumerate(term.unknowns):
             step = np.zeros(len(term.unknowns))
-            step[j] = 1e-3 * each.width
+            step[j] = 1e-3 * each.scale
             rows.append((read(term, step, signals, where) - signals) * 1e3 / NOISE[:, None])
         judged = slice(round(0.02 * rate), -20)
         columns.append(np.array(rows)[:, :, judged].reshape(len(rows), -1))
         wanted.append((change[i] / NOISE[:, None])[:, judged].ravel())
     a, y = np.concatenate(columns, axis=1).T, np.concatenate(wanted)
-    # the prior's standard deviation is 30 widths
+    # the prior's standard deviation is 30 scales
     padded = np.concatenate([y, np.zeros(a.shape[1])])
     best = np.linalg.lstsq(np.vstack([a, np.eye(a.shape[1]) / 30.0]), padded, rcond=None)[0]
     return 1.0 - np.sum((y - a @ best) ** 2) / np.sum(y**2)

@@ -24,7 +24,7 @@ def block_with(kind, frequency, amplitude):
     block = nominal_block(campaign, data)
     term = sinusoid(kind, frequency, [data.name], 1.0)
     block = replace(block, structure=replace(block.structure, terms=(*block.structure.terms, term)))
-    shared = np.array([each.value / each.width for each in block.structure.unknowns])
+    shared = np.array([each.value / each.scale for each in block.structure.unknowns])
     shared[-len(term.unknowns) + 1 :] = amplitude
     return block, shared, block.estimate_states(shared, first_states(data))
 

@@ -55,7 +55,7 @@ class Residuals:
         """The whole step."""
         return self.cost(shared, own + move), own + move
 
-    def corrected(self, shared, tried, before):
+    def inner_steps(self, shared, tried, before):
         """As it is."""
         return tried
 
@@ -238,9 +238,9 @@ def test_a_reinitialisation_that_failed_is_not_repeated():
 class Counted(Residuals):
     """A block whose reinitialisations are counted."""
 
-    samples, weight, noise, tried = 10, 1.0, None, 0
+    samples, slack, noise, tried = 10, 1.0, None, 0
 
-    def under(self, structure, own, weight, noise):
+    def under(self, structure, own, slack, noise):
         """As it is."""
         return self, own
 
@@ -254,8 +254,8 @@ class Counted(Residuals):
 def test_states_are_not_reinitialised_where_a_fit_stayed_where_it_began(start, tries):
     """What stands out there did so in the fit before."""
     block = Counted(lambda p, x: np.append(1.0, p))
-    only = SimpleNamespace(value=0.0, width=1.0, std=np.inf, low=-9.0, high=9.0)
-    structure = cast("ModelStructure", SimpleNamespace(unknowns=[only], widths=np.ones(1)))
+    only = SimpleNamespace(value=0.0, scale=1.0, std=np.inf, low=-9.0, high=9.0)
+    structure = cast("ModelStructure", SimpleNamespace(unknowns=[only], scales=np.ones(1)))
     found = fit_to([block], [np.zeros(0)], structure, np.array([start]), None, SHORT)
     assert abs(found.fit.shared[0]) < 0.2
     assert block.tried == tries

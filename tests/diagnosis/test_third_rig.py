@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from drillenv.diagnosis.adapter import Adapter, RecordingProblem
-from drillenv.diagnosis.fitting import JOINED, fit_to
+from drillenv.diagnosis.fitting import TIGHT, fit_to
 from drillenv.diagnosis.laws import Curve, Family, bsplines
 from drillenv.diagnosis.selection import forward
 from drillenv.diagnosis.tables import GRID, PLACES, Axes, interpolate
@@ -37,7 +37,7 @@ class Oscillator(RecordingProblem):
 
     data: Run
     structure: ModelStructure
-    weight: float
+    slack: float
     noise: float
 
     @property
@@ -117,13 +117,13 @@ def test_a_rig_from_elsewhere_is_diagnosed(missing, named):
     constants = Term("constants", tuple(Unknown(name, value, 0.02, 0.02) for name, value in (("mu", MU), ("k", 1.0))))
     structure = ModelStructure((constants,), rig.axes, rig)
     with ThreadPoolExecutor(1) as pool:
-        blocks = [Oscillator(run, structure, JOINED, NOISE) for run in data]
+        blocks = [Oscillator(run, structure, TIGHT, NOISE) for run in data]
         plain = fit_to(blocks, [np.zeros(0)] * 4, structure, None, pool)
         final, steps, _ = forward(plain)
     assert [step.named.mechanism for step in steps] == named
-    assert final.per_freedom == pytest.approx(1.0, abs=0.06)
+    assert final.reduced_chi_square == pytest.approx(1.0, abs=0.06)
     if named:
-        assert plain.per_freedom > 1.5
+        assert plain.reduced_chi_square > 1.5
         (term,) = steps[0].terms
         x = np.quantile(np.concatenate([(run.x, run.v)[term.place] for run in data]), np.linspace(0.05, 0.95, 40))
         found = interpolate(final.values_of(term.name) @ term.basis, rig.axes, term.place, x)

@@ -129,7 +129,7 @@ class Shot(NamedTuple):
     path: np.ndarray
     """(OWN, n // stride) states, or (OWN, 0) for none; on the rock w is the force of the rock law over k_l, whichever
     law that is and on the way out as well."""
-    said: np.ndarray
+    signals: np.ndarray
     """(2, n) force of the rock in N and acceleration of the indenter in m/s^2."""
     by_column: np.ndarray
     """(columns, 2, n) their derivatives; by the state that of the same window."""
@@ -174,7 +174,15 @@ def begin_window(
 
 @njit(**ALLOCATING)
 def read_signals(
-    m: np.ndarray, s: float, first: int, last: int, begun: float, rate: float, at, said: np.ndarray, scratch: np.ndarray
+    m: np.ndarray,
+    s: float,
+    first: int,
+    last: int,
+    begun: float,
+    rate: float,
+    at,
+    signals: np.ndarray,
+    scratch: np.ndarray,
 ) -> None:
     """Write the signals of samples first to last, which lie in the step just taken, of which s is the motion's.
 
@@ -193,7 +201,7 @@ def read_signals(
     if few:
         for i in range(2):
             for k in range(count):
-                said[i, first + k] = values[i, k]
+                signals[i, first + k] = values[i, k]
         return
     for k in range(count):
         at[k] = (first + k - begun) / (rate * s) - 0.5
@@ -204,7 +212,7 @@ def read_signals(
             for k in range(SIGNAL_POINTS):
                 c[power] += SIGNALS_FIT[power, k] * values[i, k]
         c0, c1, c2, c3, c4, c5, c6 = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
-        row, places = said[i, first:last], at[:count]
+        row, places = signals[i, first:last], at[:count]
         for k in range(row.size):
             t = places[k]
             row[k] = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
@@ -339,7 +347,7 @@ def shoot(
                 if scratch[FLAGS, READY] == 0.0:
                     follow(m, scratch[BEGIN_D], length, scratch)
                     scratch[FLAGS, READY] = 1.0
-                read_signals(m, taken, sample, following, begun, rate, at, shot.said, scratch)
+                read_signals(m, taken, sample, following, begun, rate, at, shot.signals, scratch)
                 if count > 0:
                     read_slopes(m, taken, sample, following, begun, rate, at, columns, work, shot.by_column)
                 if shot.path.shape[1] > 0:

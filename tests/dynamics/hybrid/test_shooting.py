@@ -120,7 +120,7 @@ def test_signals_are_those_of_the_reference(name):
         ours = run_hybrid(
             Rig(), SETTING, ROCK, (last - first - 1) / RATE, RATE, phase=theta, start=start, effects=effects
         )
-        force, acceleration = shot.said[:, first:last]
+        force, acceleration = shot.signals[:, first:last]
         assert np.max(np.abs(force - ours.force)) < 2e-6 * np.max(ours.force)
         assert np.max(np.abs(acceleration - ours.acceleration)) < 5e-6 * np.max(np.abs(ours.acceleration))
         path = shot.path[:, first // 4 : -(-last // 4)]
@@ -246,7 +246,7 @@ def test_derivatives_are_those_of_differences(name):
     for c, (what, _kind, _which, _turn, step, pair) in enumerate(found):
         ahead, behind = (run(other, state, no_columns(), 1e-12, **more) for other, state, more in pair)
         for i in range(2):
-            ours, theirs = shot.by_column[c, i, inside], (ahead.said - behind.said)[i, inside] / (2.0 * step)
+            ours, theirs = shot.by_column[c, i, inside], (ahead.signals - behind.signals)[i, inside] / (2.0 * step)
             off = np.sort(np.abs(ours - theirs))
             # beside a landing a difference of runs holds one that has landed and one that has not
             assert off[int(0.98 * off.size)] < 1e-3 * np.sqrt(np.mean(theirs**2)) + 1e-12, (what, i)
@@ -265,7 +265,7 @@ def test_derivatives_at_the_tolerance_of_a_fit():
     size = np.sqrt(np.mean(tight.by_column**2, axis=2))
     off = np.sqrt(np.mean((loose.by_column - tight.by_column) ** 2, axis=2))
     assert np.all(off <= 3e-4 * size)
-    assert np.max(np.abs(loose.said - tight.said)) < 1e-6 * np.max(np.abs(tight.said))
+    assert np.max(np.abs(loose.signals - tight.signals)) < 1e-6 * np.max(np.abs(tight.signals))
 
 
 def from_rest(setting, rock, mount, samples):
@@ -283,7 +283,7 @@ def from_rest(setting, rock, mount, samples):
     shot = shot_of(windows, columns)
     motion = fresh_motion(model)
     found = shoot(model, motion.d, 1e-6, windows, columns, shot, make_variation(model, 0), make_scratch(model))
-    return *found, shot.said[0], effects
+    return *found, shot.signals[0], effects
 
 
 @pytest.mark.parametrize("samples", [191, 195, 203])
