@@ -160,19 +160,19 @@ class BodyReport:
     def verdict(self) -> Verdict:
         """In one word."""
         outside = any(step.family.outside for step in self.steps)
-        left = self.left_share() > LEFT and self.excess() > SLIGHT * self.size
-        return classify(bool(self.steps), outside, bool(self.off), left, self.explained)
+        left = self.left_share() > LEFT and self.excess_rms() > SLIGHT * self.size
+        return classify(bool(self.steps), outside, bool(self.wrong_constants), left, self.explained)
 
     def left_share(self) -> float:
         """What is left beyond the noise, over it, in squares."""
         return self.final.reduced_chi_square - 1.0
 
-    def excess(self) -> float:
+    def excess_rms(self) -> float:
         """N, root mean square of what is left beyond the noise."""
         return rms(self.final) * math.sqrt(max(1.0 - 1.0 / max(self.final.reduced_chi_square, 1e-9), 0.0))
 
     @cached_property
-    def off(self) -> list[str]:
+    def wrong_constants(self) -> list[str]:
         """Stated constants that are off by several of their tolerances."""
         constants = self.plain.structure.terms[0].unknowns
         pairs = zip(constants, self.final.values, strict=False)
@@ -181,27 +181,31 @@ class BodyReport:
     @cached_property
     def constants(self) -> dict[str, Any]:
         """Every constant of the law, fitted."""
-        fitted, entry = self.stating, self.campaign.nominal["mass"]
+        fitted, entry = self.constants_fit, self.campaign.nominal["mass"]
         spread, found = deviations(fitted), {}
         for each, value, std in zip(self.plain.structure.terms[0].unknowns, fitted.values, spread, strict=False):
-            found[each.name] = quantity(float(value), math.hypot(std, self.loose * value), UNITS[each.name])
+            found[each.name] = quantity(float(value), math.hypot(std, self.mass_tolerance * value), UNITS[each.name])
         if entry.value is not None and "mass" not in found:
             found = {"mass": quantity(entry.value, entry.std or 0.0, "kg"), **found}
         return found
 
     @cached_property
-    def stating(self) -> Fitted:
+    def constants_fit(self) -> Fitted:
         """The fit by which constants are stated.
 
         Of one that nobody states, a free law takes as much as it likes: where an equation comes near to the law, that
         says what is the constant's.
         """
-        alone = [self.alone(step) for step in self.steps if step.named.equation is None and self.comes_near(step)]
+        alone = [
+            self.nearest_equation_fit(step)
+            for step in self.steps
+            if step.named.equation is None and self.comes_near(step)
+        ]
         free = any(math.isinf(each.std) for each in self.plain.structure.terms[0].unknowns)
         return alone[0] if alone and free and len(self.mechanisms) == 1 else self.final
 
     @cached_property
-    def loose(self) -> float:
+    def mass_tolerance(self) -> float:
         """Tolerance of the mass over its value, where it scales every force."""
         entry = self.campaign.nominal["mass"]
         return 0.0 if self.bodies[0].force is not None else (entry.std or 0.0) / (entry.value or 1.0)
@@ -212,7 +216,7 @@ class BodyReport:
         return {
             name: {**entry, "nominal": nominal[name]}
             for name, entry in self.constants.items()
-            if name in self.off or nominal.get(name) is None
+            if name in self.wrong_constants or nominal.get(name) is None
         }
 
     # --- where, and what is left
@@ -251,7 +255,7 @@ class BodyReport:
         if verdict == "agrees":
             text = AGREED
             if self.left_share() > LEFT:
-                text = f"What is left, {self.excess():.3g} N, is less than {100 * SLIGHT:g} % of the force."
+                text = f"What is left, {self.excess_rms():.3g} N, is less than {100 * SLIGHT:g} % of the force."
             return {"balance": None, "regimes": [], "recordings": [], "summary": text}
         beyond = surplus(cells, "regime")
         total = max(sum(beyond.values()), 1e-300)
@@ -282,7 +286,7 @@ class BodyReport:
         little = [step for step in self.minor if not step.family.outside]
         words = [step.family.outside for step in outside]
         words += [f"a little of it is like {step.named.mechanism}" for step in little]
-        excess = self.excess()
+        excess = self.excess_rms()
         if not words and self.left_share() > LEFT:
             words.append("it is like none of the families that were tried")
         text = f"{excess:.3g} N beyond the noise are left, {100 * excess / self.size:.2g} % of the force"
@@ -354,7 +358,7 @@ class BodyReport:
         straight = self.unstated(place, x)
         inside = final.indices_of(terms) + list(straight)
         scales = final.structure.scales[inside]
-        stiffness, beyond = final.blocks[0].stiffness(final.values), self.stating.values
+        stiffness, beyond = final.blocks[0].stiffness(final.values), self.constants_fit.values
         terms = final.structure.current(terms)
 
         def curve(scaled: Floats) -> Floats:
@@ -380,14 +384,14 @@ class BodyReport:
         """Parameters of the equation that comes nearest to a measured law, where it explains nearly all of it."""
         if not self.comes_near(step):
             return {}
-        return self.stated(step.named.tried[0].equation, self.alone(step))
+        return self.stated(step.named.tried[0].equation, self.nearest_equation_fit(step))
 
     def comes_near(self, step: Step) -> bool:
         """Whether the nearest equation explains nearly all that a measured law does."""
         tried = step.named.tried
         return bool(tried) and tried[0].worse < (1.0 - WELL_EXPLAINED) * step.gain
 
-    def alone(self, step: Step) -> Fitted:
+    def nearest_equation_fit(self, step: Step) -> Fitted:
         """The law with the equation that comes nearest to a step's law."""
         equation, values, _ = step.named.tried[0]
         plain = self.plain
@@ -404,17 +408,21 @@ class BodyReport:
         """Parameters of an equation in a fit."""
         found = {}
         for symbol, each in parameters_of(fitted, equation).items():
-            std = math.hypot(each["std"], self.loose * each["value"]) if each["unit"].startswith("N") else each["std"]
+            std = (
+                math.hypot(each["std"], self.mass_tolerance * each["value"])
+                if each["unit"].startswith("N")
+                else each["std"]
+            )
             found[symbol] = quantity(each["value"], std, each["unit"])
         return found
 
     def beside_lag(self, step: Step) -> dict[str, Any]:
         """What the strengths would be, were one channel free to lag: a lag and a damper can stand in for each other."""
-        loose = self.lagging
+        loose = self.fit_with_free_lag
         return {"lag": quantity(*self.lag_of(loose), "s"), **self.strengths(step, loose)}
 
     @cached_property
-    def lagging(self) -> Fitted:
+    def fit_with_free_lag(self) -> Fitted:
         """The final fit with a lag of the left side behind the motion of which nothing is believed."""
         terms = tuple(e.freed("timing") if e.name == "timing" else e for e in self.final.structure.terms)
         return self.refitted(replace(self.final.structure, terms=terms), self.final.fit.shared)
@@ -432,7 +440,7 @@ class BodyReport:
         delay = mechanism_of_law("lag")
         if delay not in there and not any(each["mechanism"] == delay for each in listed):
             listed.append({"mechanism": delay, "why": "no more than sampling does"})
-        value, std = self.lag_of(self.lagging)
+        value, std = self.lag_of(self.fit_with_free_lag)
         side = "force" if self.bodies[0].force is not None else "acceleration"
         way = "behind" if value > 0.0 else "ahead of"
         for each in listed:
@@ -530,7 +538,7 @@ class BodyReport:
             "next": [],
             "quality": [str(each) for each in self.faults],
             "constants": constants,
-            "correlations": self.stating.correlations(len(self.plain.structure.terms[0].unknowns)),
+            "correlations": self.constants_fit.correlations(len(self.plain.structure.terms[0].unknowns)),
             "rest": self.rest,
             "remarks": [*self.remarks, *self.held_remarks()],
             "cells": cells,

@@ -174,7 +174,7 @@ def tabulated(final: Fitted, step: Step) -> list[Chosen]:
     return made
 
 
-def excess(outcome: Outcome) -> list[dict[str, Any]]:
+def cells_of(outcome: Outcome) -> list[dict[str, Any]]:
     """Where the paper's model with fitted constants fails: reduced chi-square by recording, channel and regime.
 
     Of recordings that it follows.
@@ -398,7 +398,7 @@ def waves(outcome: Outcome) -> tuple[Wave, ...]:
 def record_of(outcome: Outcome, faults: list[str], left_out: Sequence[str] = ()) -> dict[str, Any]:
     """The record of ``report.json``: ``faults`` of the recordings, and what of them was ``left_out``."""
     explained = outcome.verdict != "unexplained"
-    cells = excess(outcome)
+    cells = cells_of(outcome)
     return {
         "verdict": outcome.verdict,
         "where": where(outcome, cells),

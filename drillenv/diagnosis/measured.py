@@ -65,7 +65,7 @@ class Motion(NamedTuple):
     """A recording's motion as a fit has it, and what it leaves. Arrays of samples."""
 
     path: Floats
-    """(7, n)."""
+    """(OWN, n)."""
     theta: Floats
     """Phase of the excitation in rad."""
     model: Model

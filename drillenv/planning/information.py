@@ -2,7 +2,7 @@
 
 The rig as it is believed is simulated at a setting, and the simulated recording taken in as a diagnosis takes in a
 measured one: cut into windows, whose states are unknowns of its own, thinned, weighed by the noise of the sensors.
-Sensitivities are those of the diagnosis (:meth:`drillenv.diagnosis.drill.Recorded.quadratic`), by the constants, the
+Sensitivities are those of the diagnosis (:func:`drillenv.diagnosis.drill_jacobian.quadratic`), by the constants, the
 logger's filter, and the strength of every effect at no strength. The recording's own unknowns are eliminated.
 """
 
