@@ -10,7 +10,7 @@ import numpy as np
 
 from drillenv.diagnosis.adapter import Adapter
 from drillenv.diagnosis.drill_identification import law_of, mechanisms_of, rivals, taken_up
-from drillenv.diagnosis.drill_noise import noise_left
+from drillenv.diagnosis.drill_noise import left_by, noise_left
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import (
     CURVED,
@@ -25,8 +25,17 @@ from drillenv.diagnosis.laws import (
     reparametrise_to_nominal,
     same_force,
 )
+from drillenv.diagnosis.resonance import Resonator, sharp_resonance, spectra
 from drillenv.diagnosis.score_tests import most_promising
-from drillenv.diagnosis.sensing import ACCELEROMETER, Added, Sensor, contains, kind_of_response, sensor_families
+from drillenv.diagnosis.sensing import (
+    ACCELEROMETER,
+    Added,
+    Sensor,
+    broad_parts,
+    contains,
+    kind_of_response,
+    sensor_families,
+)
 from drillenv.diagnosis.sinusoids import KINDS, frequencies, sinusoid
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.tables import Axes
@@ -60,7 +69,8 @@ class DrillRig(Adapter):
         moving = [each for each in moving if mounted or each.name != MOUNT_LAW]
         hums = {term.frequency for term in fitted.structure.terms if isinstance(term, Added) and term.orders}
         rate = min(block.data.rate for block in blocks)
-        return moving + sensor_families([block.name for block in blocks], rate, lines=sorted(hums))
+        names = [block.name for block in blocks]
+        return moving + sensor_families(names, rate, sorted(hums), sharp_resonances(fitted))
 
     def laws(self, fitted: Fitted, axes: Axes, detail: int) -> list[Family]:
         """Families with free laws on these axes."""
@@ -97,6 +107,18 @@ class DrillRig(Adapter):
         stiffness = float(law_of(fitted, family.terms, fitted.blocks[0].point).s[V.K])
         kinds = kinds_of_spring(term, values, precision, fitted.structure.axes.points(SPRING), stiffness)
         return tuple(map(mechanism_of_law, kinds))
+
+
+def sharp_resonances(fitted: Fitted) -> tuple[Resonator | None, Resonator | None]:
+    """Of force and acceleration, as what a fit leaves shows them."""
+    left = fitted.each(lambda block, own: left_by(fitted, block, own))
+    read = [block.measured[:, block.evaluation] - each for block, each in zip(fitted.blocks, left, strict=True)]
+    rates = [block.data.rate for block in fitted.blocks]
+    broad = broad_parts(min(block.point.rate for block in fitted.blocks))
+    first, second = (
+        sharp_resonance(spectra([each[i] for each in read], [each[i] for each in left], rates), broad) for i in range(2)
+    )
+    return first, second
 
 
 DRILL = DrillRig()

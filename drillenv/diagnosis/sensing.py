@@ -18,6 +18,7 @@ from numba import njit
 from scipy.signal import cont2discrete, oaconvolve
 
 from drillenv.diagnosis.laws import Family
+from drillenv.diagnosis.resonance import BROAD, Resonator
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import OperatingPoint, Term, Unknown, mean_amplitude
 from drillenv.diagnosis.thresholds import NOT_LEVEL, SKEW
@@ -32,7 +33,7 @@ FORCE, ACCELERATION = 0, 1
 NONE = 1e6  # Hz: here a resonance or a low-pass does nothing, as in the library
 LAGS, CORNERS = (-5e-5, 5e-5, 1.2e-4, 2.5e-4, 4.5e-4, 8e-4), (300.0, 800.0, 2000.0)
 """Of a free response: s by which it shifts, and Hz at which its low-passes begin."""
-BROAD, NARROW = 0.06, 0.03  # damping ratios of its resonators, and those that fits of an equation begin with
+NARROW = 0.03  # damping ratio with which fits of an equation begin
 OVERDAMPED = 0.6
 """Damping ratio beyond which a resonance raises no frequency and is a low-pass."""
 CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
@@ -161,21 +162,32 @@ def _convolved(x: Floats, kernel: Floats, first: int) -> Floats:
 
 
 @lru_cache(256)
-def _kernels(rings: tuple[float, ...], rate: float) -> tuple[Floats, int]:
+def _kernels(rings: tuple[Resonator, ...], rate: float) -> tuple[Floats, int]:
     """(coefficients, taps) what the parts of a free response add to a signal, and their first place."""
     ahead = math.ceil(-min(LAGS) * rate) + 3
-    longest = max([0.007, *[10.0 / (BROAD * TWO_PI * each) for each in rings]])
+    longest = max([0.007, *[10.0 / (each.ratio * TWO_PI * each.frequency) for each in rings]])
     pulse = np.zeros(ahead + math.ceil(min(longest, 0.05) * rate))
     pulse[ahead] = 1.0
     found = [_convolved(pulse, *_late(lag * rate, 3)) - pulse for lag in LAGS]
     found += [_filtered(pulse, rate, corner) - pulse for corner in CORNERS]
     for each in rings:
-        parts = (_filtered(pulse, rate, each, BROAD) - pulse, _filtered(pulse, rate, each, BROAD, True))
-        found += [part * (each < 0.45 * rate) for part in parts]
+        parts = (_filtered(pulse, rate, *each) - pulse, _filtered(pulse, rate, *each, True))
+        found += [part * (each.frequency < 0.45 * rate) for part in parts]
     return np.array(found), -ahead
 
 
-def _response(rings: tuple[float, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
+def broad_parts(rate: float) -> Callable[[Floats], np.ndarray]:
+    """The responses (m, n) of the parts of a free response at frequencies (n,) in Hz, with broad resonators alone."""
+    kernels, first = _kernels(_resonators(8, rate), rate)
+
+    def responses(frequency: Floats) -> np.ndarray:
+        places = np.arange(first, first + kernels.shape[1])
+        return kernels @ np.exp(-2j * math.pi * np.outer(places, frequency) / rate)
+
+    return responses
+
+
+def _response(rings: tuple[Resonator, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
     if not np.any(values):
         return force, acceleration
     kernels, first = _kernels(rings, rate)
@@ -200,7 +212,7 @@ def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -
     return force + values[0] * acceleration + behind, acceleration
 
 
-def _cell(rings: tuple[float, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
+def _cell(rings: tuple[Resonator, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
     masses, own = np.split(values, [1 + len(CELL_CORNERS)])
     carried, acceleration = _inertia(masses, force, acceleration, rate)
     if not np.any(own):
@@ -450,14 +462,21 @@ def _own(effect: str, scales: dict[str, float], at: dict[str, float]) -> tuple[U
     return tuple(Unknown(*each) for each in every)
 
 
-def _resonators(count: int, rate: float) -> tuple[float, ...]:
-    return tuple(float(each) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.4 * rate)
+def _resonators(count: int, rate: float, ratio: float = BROAD) -> tuple[Resonator, ...]:
+    return tuple(Resonator(float(each), ratio) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.4 * rate)
 
 
-def _parts(rings: Sequence[float]) -> tuple[Unknown, ...]:
-    """Of a free response that leaves 0 Hz alone, with resonators at these frequencies in Hz."""
+def _with_sharp(broad: tuple[Resonator, ...], sharp: Resonator | None) -> tuple[Resonator, ...]:
+    """Resonators, and two on either side of a sharp one: their parts draw it where it is a little off as well."""
+    if sharp is None:
+        return broad
+    return (*broad, *(sharp._replace(frequency=sharp.frequency * (1.0 + off * sharp.ratio)) for off in (-0.5, 0.5)))
+
+
+def _parts(rings: Sequence[Resonator]) -> tuple[Unknown, ...]:
+    """Of a free response that leaves 0 Hz alone, with these resonators."""
     smooth = [f"lag {1e6 * lag:g} us" for lag in LAGS] + [f"low-pass {corner:g} Hz" for corner in CORNERS]
-    ringing = [f"ring {each:.0f} Hz {part}" for each in rings for part in ("below", "band")]
+    ringing = [f"ring {each.frequency:.0f} Hz {part}" for each in rings for part in ("below", "band")]
     return _free(smooth, 0.2) + _free(ringing, 0.1)
 
 
@@ -490,7 +509,7 @@ def _charges(names: Sequence[str]) -> list[Unknown]:
 
 def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     """The library's equations, named as its effects; amplitudes of hums and own offsets are free in every recording."""
-    rings = tuple({"f_a": each, "zeta_a": NARROW} for each in _resonators(24, rate))
+    rings = tuple({"f_a": each.frequency, "zeta_a": each.ratio} for each in _resonators(24, rate, NARROW))
     lags = tuple({"delay_f": 0.0, "delay_a": each} for each in (0.0, 1.5e-4, 3.5e-4, -1.5e-4))
     table = (
         ("load cell", _inertia, {"m_c": 0.02}, ({"m_c": 0.0},)),
@@ -523,18 +542,26 @@ def contains(family: Family, other: Family) -> bool:
     return not names.isdisjoint((ACCELEROMETER, CELL)) and FORCE_LAG in others
 
 
-def sensor_families(names: Sequence[str], rate: float, lines: Collection[float] = ()) -> list[Family]:
-    """Free laws at zero, of these recordings; of hums of ``lines`` in Hz that are there, the amplitude may swell."""
+def sensor_families(
+    names: Sequence[str],
+    rate: float,
+    lines: Collection[float] = (),
+    sharp: tuple[Resonator | None, Resonator | None] = (None, None),
+) -> list[Family]:
+    """Free laws at zero, of these recordings; of hums of ``lines`` in Hz that are there, the amplitude may swell.
+
+    Responses of force and acceleration have resonators where channels have ``sharp`` resonances.
+    """
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
-    rings = _resonators(8, rate)
-    rising, cell = partial(_response, rings), partial(_cell, rings)
+    ringing, rings = (_with_sharp(_resonators(8, rate), each) for each in sharp)
+    rising, cell = partial(_response, rings), partial(_cell, ringing)
     found: list[tuple[str, str, Sensor]] = [
         (ACCELEROMETER, "", Response(ACCELEROMETER, _parts(rings), 1, law=rising)),
         ("lag", "", Response(FORCE_LAG, _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
-        ("load cell", " with a response of its own", Response(CELL, CELL_MASSES + _parts(rings), 0, law=cell)),
+        ("load cell", " with a response of its own", Response(CELL, CELL_MASSES + _parts(ringing), 0, law=cell)),
         (OFFSET, "", added(names)),
         (OFFSET, " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),
