@@ -461,18 +461,24 @@ def _droop(frequencies: Sequence[float]) -> Family:
 
 MOUNT_FREQUENCIES = np.geomspace(40.0, 1000.0, 18)
 """Hz, from which on a mount is looked for: as far from one to the next as half the width of its response at first."""
+MOST_DAMPED = 0.35
+"""Damping ratio of a mount up to which it swings back, twice what is typical: a mode that is damped more follows forces
+over depth and speed as well, and is another mechanism."""
 
 
 def _remembering() -> list[Family]:
     """Families with states of their own, from several time constants and frequencies on."""
     found = []
+    # no mount pushes back harder than a rigid one, and no air pulls
+    (stiffness,), (gain,) = coefficients("air", 1, 1e4), coefficients("mount", 1, 0.01)
+    stiffness, gain = stiffness._replace(low=0.0), gain._replace(low=0.0)
     for tau in (0.06, 0.4):
         time = Unknown("logarithm of its time", math.log(tau), 0.2, low=math.log(0.01), high=math.log(10.0))
-        found.append(Family(f"air {tau:g} s", "air", (Air("air", (*coefficients("air", 1, 1e4), time)),)))
+        found.append(Family(f"air {tau:g} s", "air", (Air("air", (stiffness, time)),)))
     for f in MOUNT_FREQUENCIES:
         turn = Unknown("logarithm of its frequency", math.log(f), 0.1, low=math.log(20.0), high=math.log(2000.0))
-        ratio = Unknown("damping ratio", 0.1, 0.02, low=0.005, high=1.0)
-        mode = Mount("mount", (*coefficients("mount", 1, 0.01), turn, ratio))
+        ratio = Unknown("damping ratio", 0.1, 0.02, low=0.005, high=MOST_DAMPED)
+        mode = Mount("mount", (gain, turn, ratio))
         found.append(Family(f"mount {f:.0f} Hz", "mount", (mode,)))
     return found
 

@@ -87,7 +87,7 @@ def from_strengths(fitted: Fitted, score: Score, limits: Limits) -> Fitted:
 
     With none of it, its frequency or time constant changes nothing.
     """
-    strengths = (0.0, score.strength)
+    strengths = dict.fromkeys((0.0, max(score.strength, score.family.unknowns[0].low)))
     return min((with_family(fitted, score.family, limits, each) for each in strengths), key=lambda each: each.cost)
 
 

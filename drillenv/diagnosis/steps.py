@@ -18,7 +18,7 @@ from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
 from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
 from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.thresholds import CLOSE, FALSE_ALARMS, LAW_LEFT, LEFT, MOST_OF_LAW
+from drillenv.diagnosis.thresholds import CLOSE, EQUAL, FALSE_ALARMS, LAW_LEFT, LEFT, MOST_OF_LAW
 
 Say = Callable[[str], object]
 
@@ -265,7 +265,8 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
     """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
 
     What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
-    that follows an equation to the noise leaves nothing that a rival could do better.
+    that follows an equation to the noise leaves nothing that a rival could do better. Where the step's law follows
+    none, a rival's may: its equations are tried unless it is worse by more than their fewer parameters are worth.
     """
     for step in steps:
         follows = step.named.equation is not None and fitted.reduced_chi_square < 1.0 + LEFT
@@ -281,7 +282,11 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
             other = fitted.refit(structure, start)
             finer = refined(other, family)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
-            if finer.cost > fitted.cost and criterion(finer, fitted) > criterion(fitted, fitted):
+            saved = penalty(family.size - 1, fitted) if step.named.equation is None else 0.0
+            worse = min(finer.cost - fitted.cost, criterion(finer, fitted) - criterion(fitted, fitted))
+            if step.named.equation is None and worse < EQUAL:
+                step.named.alike = (*step.named.alike, family.mechanism)
+            if worse > saved:
                 continue
             fit = replace(fitted.fit, shared=begun, cost=other.cost + step.gain)
             base = replace(fitted, structure=rest, fit=fit)

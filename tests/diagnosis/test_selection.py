@@ -118,6 +118,66 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
     assert found.corrects == corrects
 
 
+@pytest.mark.parametrize(
+    ("worse", "by_equation", "taken", "alike"),
+    [
+        (-30.0, None, True, True),  # explains more by its own law
+        (0.3, 0.5, True, True),  # as much by its law, with one parameter by an equation
+        (0.3, None, False, True),  # as much, and follows none either
+        (15.0, 15.2, True, False),  # a little less, which fewer parameters are worth
+        (60.0, 60.1, False, False),
+    ],
+)
+def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_well(
+    monkeypatch, worse, by_equation, taken, alike
+):
+    size, others = 5, 10
+    equation: Any = Fake(name="quadratic", effect="damping-quadratic", unknowns=(0,))
+    rival: Any = Fake(name="damper", group="damper", constant="", mechanism="damping-quadratic", size=size)
+
+    def of(cost, parameters):
+        return replace(fitted, fit=Ended(np.zeros(parameters), cost))
+
+    @dataclass
+    class Ended:
+        shared: np.ndarray
+        cost: float
+
+    @dataclass
+    class Costs:
+        fit: Ended
+        structure: Any = None
+        samples: int = SAMPLES
+        reduced_chi_square: float = 1.02
+
+        @property
+        def cost(self):
+            return self.fit.cost
+
+        def refit(self, *_):
+            return of(1000.0 + worse, others + size)
+
+    def accepted(base, family, other, dof, say):
+        named = Named("damping-quadratic", equation if by_equation is not None else None)
+        after = of(1000.0 + (worse if by_equation is None else by_equation),
+                   others + (size if by_equation is None else 1))  # fmt: skip
+        return Fake(after=after, named=named, terms=(), pending=False, provisional=False)
+
+    fitted: Any = Costs(Ended(np.zeros(others + size), 1000.0))
+    monkeypatch.setattr(steps, "without", lambda *_: (Fake(), np.zeros(others)))
+    monkeypatch.setattr(steps, "with_more", lambda *_: (Fake(), np.zeros(others + size)))
+    monkeypatch.setattr(steps, "refined", lambda other, family: other)
+    monkeypatch.setattr(steps, "accept", accepted)
+    own: Any = Fake(name="indenter", group="indenter", constant="", mechanism="indenter-friction")
+    there = steps.Step(own, 300.0, size, SAMPLES, fitted, Named("indenter-friction", None), (), [(rival, fitted)])
+    there.cost_when_found = fitted.cost
+    named = there.named
+    found = steps.exchanged(fitted, [there], lambda _: None)
+    assert (found is not None) == taken
+    assert (there.named.mechanism == "damping-quadratic") == taken
+    assert ("damping-quadratic" in named.alike) == alike
+
+
 @pytest.mark.parametrize(("gain", "equation", "corrects"), [(5e3, None, True), (2e5, None, False), (5e3, "one", False)])
 def test_a_part_of_a_measured_law_is_no_mechanism_beside_it(monkeypatch, gain, equation, corrects):
     """A channel's response has its delay: where one was measured, what a delay gains corrects it, unless it is more."""
