@@ -21,7 +21,7 @@ help:
 	@echo "make demo       the published motions, a film and a diagnosis, and a page that leads to them, into out/demo"
 	@echo "make docs       the documentation site, into out/site; its pages run"
 	@echo "make test       every test but the longest; DRILLENV_THOROUGH=1 adds them"
-	@echo "make test-fast  the tests that take a few seconds at most"
+	@echo "make test-fast  the tests that take a second at most"
 	@echo "make package    wheel and sdist, checked, and the wheel tried in empty environments"
 	@echo "make lint       ruff and pyright"
 	@echo "make bench      what is faster than what, measured here"
