@@ -25,13 +25,24 @@ def pytest_configure(config) -> None:
 
 
 def pytest_collection_modifyitems(items) -> None:
-    """Leave out what is thorough unless it is asked for; what takes longest begins first, lest a worker ends alone."""
-    items.sort(key=lambda item: LONGEST.index(item.path.parent.name) if item.path.parent.name in LONGEST else 99)
+    """Leave out what is thorough unless it is asked for; what takes longest begins first, lest a worker ends alone.
+
+    Files of the first folder are begun in turn with others: two workers that begin the same kernels compile them twice.
+    """
+    ranks: dict[Path, float] = {}
+    for path in sorted(dict.fromkeys(item.path for item in items), key=lambda path: _rank(path.parent.name)):
+        first = path.parent.name == LONGEST[0]
+        ranks[path] = sum((each.parent.name == LONGEST[0]) == first for each in ranks) + 0.5 * (not first)
+    items.sort(key=lambda item: ranks[item.path])
     if os.environ.get("DRILLENV_THOROUGH") == "1":
         return
     for item in items:
         if "thorough" in item.keywords:
             item.add_marker(pytest.mark.skip(reason="takes long: set DRILLENV_THOROUGH=1"))
+
+
+def _rank(folder: str) -> int:
+    return LONGEST.index(folder) if folder in LONGEST else len(LONGEST)
 
 
 @pytest.fixture(scope="module")
