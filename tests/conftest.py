@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
@@ -29,11 +30,11 @@ def pytest_collection_modifyitems(items) -> None:
 
     Files of the first folder are begun in turn with others: two workers that begin the same kernels compile them twice.
     """
-    ranks: dict[Path, float] = {}
-    for path in sorted(dict.fromkeys(item.path for item in items), key=lambda path: _rank(path.parent.name)):
-        first = path.parent.name == LONGEST[0]
-        ranks[path] = sum((each.parent.name == LONGEST[0]) == first for each in ranks) + 0.5 * (not first)
-    items.sort(key=lambda item: ranks[item.path])
+    files = sorted(dict.fromkeys(item.path for item in items), key=lambda path: _rank(path.parent.name))
+    first = [path for path in files if path.parent.name == LONGEST[0]]
+    others = [path for path in files if path.parent.name != LONGEST[0]]
+    order = [path for pair in zip_longest(first, others) for path in pair if path is not None]
+    items.sort(key=lambda item: order.index(item.path))
     if os.environ.get("DRILLENV_THOROUGH") == "1":
         return
     for item in items:

@@ -110,13 +110,15 @@ class DrillRig(Adapter):
 
 
 def sharp_resonances(fitted: Fitted) -> tuple[Resonator | None, Resonator | None]:
-    """Of force and acceleration, as what a fit leaves shows them."""
-    left = fitted.each(lambda block, own: left_by(fitted, block, own))
-    read = [block.measured[:, block.evaluation] - each for block, each in zip(fitted.blocks, left, strict=True)]
+    """Of force and acceleration, as a fit's residuals show them."""
+    residuals = fitted.each(lambda block, own: left_by(fitted, block, own))
+    pairs = zip(fitted.blocks, residuals, strict=True)
+    predicted = [block.measured[:, block.evaluation] - each for block, each in pairs]
     rates = [block.data.rate for block in fitted.blocks]
     broad = broad_parts(min(block.point.rate for block in fitted.blocks))
     first, second = (
-        sharp_resonance(spectra([each[i] for each in read], [each[i] for each in left], rates), broad) for i in range(2)
+        sharp_resonance(spectra([each[i] for each in predicted], [each[i] for each in residuals], rates), broad)
+        for i in range(2)
     )
     return first, second
 

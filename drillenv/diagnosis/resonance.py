@@ -1,8 +1,8 @@
 """A sharp resonance of a channel, where the response that a fit's residuals show has a pole.
 
 Free responses are sums of broad parts, whose sizes are linear. A pole with little damping is drawn by none of them: it
-has to be where it is. From the spectra of what the model says that is read, and of what is read besides, follows the
-response of the one to the other (J. S. Bendat and A. G. Piersol, Random Data, 4th ed., Wiley, 2010, Section 6.1), and
+has to be where it is. From the spectra of the predicted reading and of its residual follows the response of the
+one to the other (J. S. Bendat and A. G. Piersol, Random Data, 4th ed., Wiley, 2010, Section 6.1), and
 the pole is where with its two parts least of that is left (variable projection: G. Golub and V. Pereyra, Inverse
 Problems 19 (2003) R1-R26).
 """
@@ -47,16 +47,16 @@ class Spectra(NamedTuple):
     frequency: Floats
     """(n,) Hz."""
     power: Floats
-    """(n,) of what the model says that is read."""
+    """(n,) of the predicted readings."""
     cross: NDArray[np.complex128]
-    """(n,) complex: of that with what is read besides."""
+    """(n,) complex: of those with their residuals."""
 
 
-def spectra(said: list[Floats], left: list[Floats], rates: list[float]) -> Spectra:
-    """Of what a model says that is read (n,), and what is read besides (n,), of each recording, by its sample rate."""
+def spectra(predicted: list[Floats], residuals: list[Floats], rates: list[float]) -> Spectra:
+    """Of the predicted reading (n,) of a channel and its residual (n,), of each recording, by its sample rate."""
     frequency = np.arange(LOWEST, HIGHEST * min(rates), 1.0 / SEGMENT)
     power, cross = np.zeros(frequency.size), np.zeros(frequency.size, dtype=complex)
-    for x, y, rate in zip(said, left, rates, strict=True):
+    for x, y, rate in zip(predicted, residuals, rates, strict=True):
         given = {"fs": rate, "nperseg": min(round(SEGMENT * rate), x.size)}
         at, own = welch(x, **given)
         power += np.interp(frequency, at, own)

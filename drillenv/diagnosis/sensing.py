@@ -554,14 +554,14 @@ def sensor_families(
     """
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
-    ringing, rings = (_with_sharp(_resonators(8, rate), each) for each in sharp)
-    rising, cell = partial(_response, rings), partial(_cell, ringing)
+    of_force, of_acceleration = (_with_sharp(_resonators(8, rate), each) for each in sharp)
+    accelerometer, cell = partial(_response, of_acceleration), partial(_cell, of_force)
     found: list[tuple[str, str, Sensor]] = [
-        (ACCELEROMETER, "", Response(ACCELEROMETER, _parts(rings), 1, law=rising)),
+        (ACCELEROMETER, "", Response(ACCELEROMETER, _parts(of_acceleration), 1, law=accelerometer)),
         ("lag", "", Response(FORCE_LAG, _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
-        ("load cell", " with a response of its own", Response(CELL, CELL_MASSES + _parts(ringing), 0, law=cell)),
+        ("load cell", " with a response of its own", Response(CELL, CELL_MASSES + _parts(of_force), 0, law=cell)),
         (OFFSET, "", added(names)),
         (OFFSET, " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),

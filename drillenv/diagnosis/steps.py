@@ -282,9 +282,10 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
             other = fitted.refit(structure, start)
             finer = refined(other, family)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
-            saved = penalty(family.size - 1, fitted) if step.named.equation is None else 0.0
+            measured = step.named.equation is None
+            saved = penalty(family.size - 1, fitted) if measured else 0.0
             worse = min(finer.cost - fitted.cost, criterion(finer, fitted) - criterion(fitted, fitted))
-            if step.named.equation is None and worse < EQUAL:
+            if measured and worse < EQUAL:
                 step.named.alike = (*step.named.alike, family.mechanism)
             if worse > saved:
                 continue

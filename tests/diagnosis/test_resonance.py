@@ -27,19 +27,19 @@ def recordings(rng, count=8, seconds=0.3):
     return made
 
 
-def found_in(left, said):
-    said, left = ([each[::OVER] for each in rows] for rows in (said, left))
-    return sharp_resonance(spectra(said, left, [RATE] * len(said)), broad_parts(FINE))
+def found_in(residuals, predicted):
+    predicted, residuals = ([each[::OVER] for each in rows] for rows in (predicted, residuals))
+    return sharp_resonance(spectra(predicted, residuals, [RATE] * len(predicted)), broad_parts(FINE))
 
 
 @pytest.mark.parametrize("frequency", [1500.0, 2700.0, 3900.0])
 @pytest.mark.parametrize(("ratio", "part"), [(0.01, 0.3), (0.02, 1.0), (0.035, 0.5)])
 def test_one_is_found_under_noise(frequency, ratio, part):
     rng = np.random.default_rng(3)
-    said = recordings(rng)
-    left = [through(x, frequency, ratio, part) for x in said]
-    noise = 0.02 * np.std(said[0])
-    found = found_in([each + noise * rng.normal(size=each.size) for each in left], said)
+    predicted = recordings(rng)
+    residuals = [through(x, frequency, ratio, part) for x in predicted]
+    noise = 0.02 * np.std(predicted[0])
+    found = found_in([each + noise * rng.normal(size=each.size) for each in residuals], predicted)
     assert found is not None
     # the bilinear transform warps frequencies
     warped = FINE / np.pi * np.arctan(np.pi * frequency / FINE)
@@ -47,28 +47,28 @@ def test_one_is_found_under_noise(frequency, ratio, part):
     assert found.ratio == pytest.approx(ratio, rel=0.3)
 
 
-@pytest.mark.parametrize("left", ["nothing", "noise", "broad", "late", "low-pass"])
-def test_none_is_found_where_there_is_none(left):
+@pytest.mark.parametrize("misreading", ["nothing", "noise", "broad", "late", "low-pass"])
+def test_none_is_found_where_there_is_none(misreading):
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        said = recordings(rng)
-        noise = [0.05 * np.std(x) * rng.normal(size=x.size) for x in said]
+        predicted = recordings(rng)
+        noise = [0.05 * np.std(x) * rng.normal(size=x.size) for x in predicted]
         misread = {
             "nothing": lambda x: 0.0 * x,
             "noise": lambda x: 0.0 * x,
             "broad": lambda x: through(x, 2700.0, 0.15, 1.0),
             "late": lambda x: np.roll(x, 8) - x,
             "low-pass": lambda x: lfilter([0.1], [1.0, -0.9], x) - x,
-        }[left]
-        extra = noise if left != "nothing" else [0.0 * x for x in said]
-        assert found_in([misread(x) + more for x, more in zip(said, extra, strict=True)], said) is None
+        }[misreading]
+        extra = noise if misreading != "nothing" else [0.0 * x for x in predicted]
+        assert found_in([misread(x) + more for x, more in zip(predicted, extra, strict=True)], predicted) is None
 
 
 def test_a_free_response_has_it():
     """Its parts draw the mode wherever it is within a quarter of the half-width of where it was taken to be."""
     rng = np.random.default_rng(1)
-    said = recordings(rng)
-    sharp = found_in([through(x, 2700.0, 0.02, 0.5) for x in said], said)
+    predicted = recordings(rng)
+    sharp = found_in([through(x, 2700.0, 0.02, 0.5) for x in predicted], predicted)
     (term,) = sensor_families(["r01"], RATE, sharp=(None, sharp))[0].terms
     frequency = np.linspace(300.0, 5000.0, 400)
     rows = [
