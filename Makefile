@@ -13,6 +13,8 @@ INSTALL := $(BIN)/python -m pip install -qq --no-compile --no-input --disable-pi
 PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+# tests, pages and the demo start many processes: what they import is compiled once, whatever the caller has set
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo docs test test-fast package lint bench clean
 .NOTPARALLEL:

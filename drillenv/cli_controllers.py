@@ -38,7 +38,7 @@ NO_USE: dict[str, tuple[str, ...]] = {
     "td3": (*ANNEALED, *ON_POLICY, "ahead", "lstm", *BUDGET),
 }
 """Numbers of a recipe that an algorithm has no use for; of ppo and ppo-lagrangian where rigs are as they are."""
-NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "ahead", "lstm", "stack", "activation", *BUDGET)
+NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "lstm", "stack", "activation", *BUDGET)
 
 
 @contextmanager
@@ -252,6 +252,8 @@ def _train_options(parser: Parser) -> None:
         ALGORITHMS,
         CHECKPOINT_SECONDS,
         HOLE_TIMESTEPS,
+        HOLE_VINE,
+        HOLE_VINE_TIMESTEPS,
         OTHERWISE,
         ROCK,
         TIMESTEPS,
@@ -264,13 +266,14 @@ def _train_options(parser: Parser) -> None:
     said = "; ".join(f"{name}: {meaning}" for name, meaning in ALGORITHMS.items())
     parser.epilog = (
         f"Algorithms: {said}. Defaults are those of ppo-vine; those of the others are given where they differ. "
-        "DrillBit is learned by ppo, with the numbers given for it; on rigs as they are by sac, td3 and ppo "
-        "--no-prepared, with their own."
+        "DrillBit is learned by ppo and ppo-vine, with the numbers given for it; on rigs as they are by sac, td3, "
+        "recurrent-ppo and ppo --no-prepared, with their own."
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the run")
     note = "go on with the run in --out; other options may be left out"
     parser.add_argument("--resume", action="store_true", help=note)
-    others = ", ".join(f"{name} {steps}" for name, steps in {**TIMESTEPS, "DrillBit": HOLE_TIMESTEPS}.items())
+    holes = {"DrillBit": HOLE_TIMESTEPS, "ppo-vine on DrillBit": HOLE_VINE_TIMESTEPS}
+    others = ", ".join(f"{name} {steps}" for name, steps in {**TIMESTEPS, **holes}.items())
     note = f"steps in all, all rigs together (default {USUAL_TIMESTEPS}; {others})"
     parser.add_argument("--timesteps", type=whole_number, metavar="N", help=note)
     parser.add_argument("--threads", type=whole_number, metavar="N", help="threads of the rigs (default all cores)")
@@ -281,9 +284,9 @@ def _train_options(parser: Parser) -> None:
     hole = {
         name: value
         for name, value in usual("ppo", hole=True).items()
-        if name not in NO_USE_IN_HOLES and not USUAL[name] == plain[name] == value
+        if name not in (*NO_USE_IN_HOLES, "ahead") and not USUAL[name] == plain[name] == value
     }
-    otherwise = {**OTHERWISE, "Drill": ROCK, "DrillBit": hole}
+    otherwise = {**OTHERWISE, "Drill": ROCK, "DrillBit": hole, "ppo-vine on DrillBit": HOLE_VINE}
     for each in fields(Recipe):
         default = USUAL.get(each.name, each.default)
         others = {name: numbers[each.name] for name, numbers in otherwise.items() if each.name in numbers}

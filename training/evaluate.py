@@ -23,11 +23,11 @@ from drillenv.checks import InputError, count, shown
 from drillenv.controllers import Controller
 from drillenv.controllers.policies import DESCRIPTION, SHIPPED, WEIGHTS, Policy, read_policy
 from drillenv.controllers.policies.stable_baselines import Unpickled
-from drillenv.env.registration import STEPS
+from drillenv.env.registration import HIDDEN_RIGS, STEPS
 from drillenv.env.reward import Reward
 from drillenv.files import whole
 from drillenv.training.conditions import Condition, episodes_of, scenario_of, strata
-from drillenv.training.league import FORMAT, REPEATED, YARDSTICK, summary
+from drillenv.training.league import FORMAT, HIDDEN, RANDOMISED, REPEATED, YARDSTICK, summary
 from drillenv.training.measures import MEASURES, measures
 from drillenv.training.rollout import rollout
 
@@ -94,13 +94,20 @@ def _installed() -> list[str]:
 
 
 def row_of(policy: Policy) -> str:
-    """The row of a policy: its algorithm, by the names of drillenv train, or "learned" where it has no fit name."""
+    """The row of a policy: its algorithm, by the names of drillenv train, or "learned" where it has no fit name.
+
+    Policies that were trained on rigs that differ have rows of their own (RANDOMISED, HIDDEN): they do otherwise than
+    those that have seen the rig of Table 2.1 only, on it and on others.
+    """
     said = policy.provenance
     algorithm = str(said.get("algorithm", ""))
     if algorithm not in REPEATED and (algorithm in ALL or not re.fullmatch(r"[\w.+-][\w .+-]{0,39}", algorithm)):
         return "learned"
     # before measured advantages had a name of their own, only how far copies of the rigs look ahead told them
-    return "ppo-vine" if algorithm == "ppo" and said.get("ahead") else algorithm
+    algorithm = "ppo-vine" if algorithm == "ppo" and said.get("ahead") else algorithm
+    if policy.environment == HIDDEN_RIGS:
+        return algorithm + HIDDEN
+    return algorithm + RANDOMISED if said.get("rig_errors") else algorithm
 
 
 def named(given: str, taken: Sequence[str], free: Sequence[str] = ()) -> tuple[str, str]:

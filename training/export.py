@@ -65,6 +65,8 @@ def policy_of(
         provenance["ahead"] = recipe.ahead
     if recipe.constrained:
         provenance["cost_limit"] = recipe.cost_limit
+    if recipe.rig_errors:
+        provenance["rig_errors"] = recipe.rig_errors
     if recipe.algo in WITH_CRITIC:
         provenance["rigs"] = "prepared" if recipe.prepared else "as they are"
     for name in ("env_kwargs", "algo_kwargs"):

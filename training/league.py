@@ -14,7 +14,19 @@ from drillenv.training.statistics import Draws, Interval, chance, draws, interva
 FORMAT = "drillenv-league/1"
 YARDSTICK = "oracle"
 """What scores are shares of: the planner that knows the rock, which is better than the steady-state oracle."""
-REPEATED = ("ppo-vine", "ppo", "ppo-lagrangian", "recurrent-ppo", "sac", "td3")
+RANDOMISED, HIDDEN = "-randomised", "-hidden"
+"""Ends of the rows of policies that were trained on rigs whose constants are drawn anew for each episode, and on such
+with an effect that the paper leaves out (domain randomisation: Tobin et al., IROS 2017)."""
+REPEATED = (
+    "ppo-vine" + HIDDEN,
+    "ppo-vine" + RANDOMISED,
+    "ppo-vine",
+    "ppo",
+    "ppo-lagrangian",
+    "recurrent-ppo",
+    "sac",
+    "td3",
+)
 """The rows of several training seeds, by their algorithms."""
 NEITHER = ("random", "fixed", "rules", "scheduled", "seeking", "mpc")
 """The rows that neither learn nor see the rock."""

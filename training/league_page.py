@@ -23,9 +23,6 @@ from drillenv.training.evaluate import ALL, entries, evaluate, read_record, writ
 from drillenv.training.league_figure import draw
 from drillenv.training.league_table import write_table
 
-EPISODES = {"beyond": 9, "constants": 9, "constants-3": 9, "hidden": 6}
-"""Episodes of a condition, where not all: the planners take some seven seconds for one, the hybrid engine its own."""
-
 
 def parser() -> Parser:
     """The options."""
@@ -63,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             def save(record: dict[str, Any], file: Path = file) -> None:
                 write_record(file, record)
 
-            record = evaluate(wanted, name, CONDITIONS[name], EPISODES.get(name), kept=kept, threads=threads, save=save)
+            record = evaluate(wanted, name, CONDITIONS[name], kept=kept, threads=threads, save=save)
             save(record)
             write_table(page, record)
         files = [folder / f"{name}.json" for name in CONDITIONS]

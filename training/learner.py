@@ -16,7 +16,7 @@ from drillenv.checks import InputError, shown
 from drillenv.controllers.policies import outputs_for
 from drillenv.training import believing
 from drillenv.training.believing import Believing
-from drillenv.training.branches import BranchedPPO, Branches
+from drillenv.training.branches import BranchedPPO, Branches, HoleCopies, RockCopies
 from drillenv.training.lagrangian import Priced
 from drillenv.training.recipe import OFF_POLICY, RECURRENT, START, Recipe
 from drillenv.training.sb3 import DrillVecEnv
@@ -109,8 +109,12 @@ class Learner:
         if recipe.algo == RECURRENT:
             return RecurrentPPO("MlpLstmPolicy", self.stacked, policy_kwargs=policy, **common)
         if recipe.ahead:
-            branches = Branches(self.stacked, self.rigs, recipe.ahead, recipe.seed)
-            return BranchedPPO("MlpPolicy", branches, policy_kwargs=policy, vf_coef=0.0, **common)
+            if self.believing is None:
+                copies, common["vf_coef"] = RockCopies(self.stacked, self.rigs), 0.0
+            else:
+                copies = HoleCopies(self.believing, self.rigs, recipe.gamma)
+            branches = Branches(self.stacked, copies, recipe.ahead, recipe.seed)
+            return BranchedPPO("MlpPolicy", branches, policy_kwargs=policy, **common)
         return PPO("MlpPolicy", self.stacked, policy_kwargs=policy, **common)
 
     @property

@@ -10,7 +10,7 @@ from typing import Any
 
 from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.controllers.policies import ACTIONS, ACTIVATIONS, MOST_LAYERS, MOST_STACKED, MOST_UNITS
-from drillenv.env.registration import BUDGETS, HOLE_IDS, IDS
+from drillenv.env.registration import BUDGETS, HIDDEN_RIGS, HOLE_IDS, IDS
 
 RECURRENT = "recurrent-ppo"
 ALGORITHMS: Mapping[str, str] = MappingProxyType(
@@ -31,8 +31,10 @@ PREPARED = ("ppo-vine", RECURRENT)
 """Always on prepared rigs, holes apart: scaled readings, pressure over amplitude as output, noise that is annealed."""
 OFF_POLICY = ("sac", "td3")
 """They have a buffer of all that they saw, which is too large for checkpoints: no resume."""
-HOLE_ALGORITHMS = ("ppo", RECURRENT, *OFF_POLICY)
-"""Those that learn to drill a hole: ppo on prepared rigs or as they are, the others on rigs as they are."""
+HOLE_PREPARED = ("ppo-vine", "ppo")
+"""Those that learn to drill a hole on prepared rigs; ppo does on rigs as they are too."""
+HOLE_ALGORITHMS = (*HOLE_PREPARED, RECURRENT, *OFF_POLICY)
+"""Those that learn to drill a hole."""
 START = (116.5, 0.45, 0.9)
 """Hz, V and bar that an untrained policy on prepared rigs asks for: a careful setting that gives single blows on most
 rocks."""
@@ -40,6 +42,7 @@ TIMESTEPS = {"sac": 100_000, "td3": 100_000}
 """Steps in all where none are given, in place of USUAL_TIMESTEPS."""
 USUAL_TIMESTEPS = 500_000
 HOLE_TIMESTEPS = 4_000_000
+HOLE_VINE_TIMESTEPS = 500_000
 CHECKPOINT_SECONDS = 15.0
 """Between two checkpoints."""
 MOST_AHEAD = 100
@@ -114,6 +117,10 @@ HOLE: Mapping[str, Any] = MappingProxyType(
     }
 )
 """What is otherwise where a hole is drilled by ppo on rigs that are prepared, in a way of their own."""
+HOLE_VINE: Mapping[str, Any] = MappingProxyType(
+    {"ahead": 8, "rollout": 32, "batch": 512, "anneal": HOLE_VINE_TIMESTEPS, "evaluate_every": 25_000}
+)
+"""What is then otherwise with ppo-vine, whose steps say more and take seventeen times as long."""
 PLAIN_RECURRENT: Mapping[str, Any] = MappingProxyType({**PLAIN_PPO, "rollout": 128, "batch": 128, "lstm": 256})
 """What is otherwise where recurrent-ppo drills a hole: the numbers of sb3-contrib itself, on eight rigs."""
 
@@ -224,8 +231,8 @@ class Recipe:
             raise InputError(f"ahead is {self.ahead}, but only ppo-vine measures on copies: leave it out, or give 0")
         if not self.ahead and self.algo == "ppo-vine":
             raise InputError("ahead is 0, which is a critic: give ppo --prepared for that, or 1 and more for ppo-vine")
-        either = ("ppo",) if self.hole else WITH_CRITIC
-        if self.algo not in either and self.prepared != (self.algo in PREPARED and not self.hole):
+        either, prepared = (("ppo",), HOLE_PREPARED) if self.hole else (WITH_CRITIC, PREPARED)
+        if self.algo not in either and self.prepared != (self.algo in prepared):
             state = "prepared" if self.prepared else "not prepared"
             raise InputError(f"algo is {self.algo} and the rigs are {state}: leave prepared out with it")
         if self.believing and (self.stack, self.activation) != (1, "tanh"):
@@ -258,9 +265,17 @@ class Recipe:
         return self.algo == LAGRANGIAN
 
     @property
+    def rig_errors(self) -> float:
+        """Stated errors by which the constants of the rigs are off, drawn anew for each episode."""
+        given = self.env_kwargs.get("errors")
+        return given if given is not None else float(self.env == HIDDEN_RIGS)
+
+    @property
     def timesteps(self) -> int:
         """Steps in all where none are given."""
-        return TIMESTEPS.get(self.algo, HOLE_TIMESTEPS if self.believing else USUAL_TIMESTEPS)
+        if self.believing:
+            return HOLE_VINE_TIMESTEPS if self.ahead else HOLE_TIMESTEPS
+        return TIMESTEPS.get(self.algo, USUAL_TIMESTEPS)
 
     @property
     def unit(self) -> str:
@@ -279,8 +294,8 @@ class Recipe:
 
 def usual(algo: str, prepared: bool | None = None, hole: bool = False) -> dict[str, Any]:
     """What is not given is this, with an algorithm, on rigs that are prepared, not, or (None) as it has them."""
-    if hole and algo == "ppo" and prepared is not False:
-        return {**USUAL, **HOLE}
+    if hole and algo in HOLE_PREPARED and prepared is not False:
+        return {**USUAL, **HOLE, **(HOLE_VINE if algo == "ppo-vine" else {})}
     if hole and algo == RECURRENT:
         return {**USUAL, **PLAIN_RECURRENT}
     return {**USUAL, **(CRITIC if algo in WITH_CRITIC and prepared is True else OTHERWISE[algo])}

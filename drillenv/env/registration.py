@@ -10,6 +10,8 @@ STEPS = {"Drill": 80, "DrillLayers": 240, "DrillHidden": 240}
 """Steps of an episode: 20 s on one rock, 60 s through layers."""
 KINDS = {"Drill": "rock", "DrillLayers": "layers", "DrillHidden": "hidden"}
 IDS = tuple(f"drillenv/{name}-v0" for name in KINDS)
+HIDDEN_RIGS = "drillenv/DrillHidden-v0"
+"""Whose rigs differ by one stated error each where no other number is given, and have an effect each."""
 BUDGETS = {"Drill": 5.0, "DrillLayers": 10.0, "DrillHidden": 10.0}
 """N above the rating that a constrained task allows in the mean of all steps."""
 HOLES: dict[str, dict[str, Any]] = {"DrillBit": {}, "DrillBitShort": {"depth": 1.0, "lost_bit_ends": True}}

@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 import torch
 
+from drillenv.controllers.hole.belief import SIZE
+from drillenv.controllers.hole.learned import actions_of as hole_actions
 from drillenv.controllers.policies import actions_of, outputs_for
+from drillenv.training.believing import METRE, WORTH
 from drillenv.training.branches import Branches
 from drillenv.training.learner import Learner
 from drillenv.training.recipe import START, Recipe
@@ -43,6 +46,50 @@ def test_an_advantage_is_the_difference_of_two_futures(ahead):
             earned.append(sum(rewards))
         assert found[i] == pytest.approx(0.5 * (earned[0] - earned[1]), abs=1e-12)
     assert found[2] == 0.0 and np.abs(found[:2]).min() > 1e-4
+
+
+def test_an_advantage_on_a_hole_is_the_difference_of_two_discounted_futures_and_what_they_are_worth():
+    """The same on single environments, for a policy that asks for the same and never changes a bit."""
+    learner, branches = begun(3, env="drillenv/DrillBit-v0", stack=1, algo="ppo-vine", gamma=0.9)
+    policy, mean = learner.model.policy, np.array([0.3, -0.2, -0.4, -1.0], dtype=np.float32)
+    with torch.no_grad():
+        policy.action_net.weight.zero_()
+        policy.action_net.bias.copy_(torch.from_numpy(mean))
+    before = {name: value.copy() for name, value in learner.believing.belief.arrays.items()}
+    away = np.array([[-0.3, 0.1, 0.2, 0.0], [0.2, 0.3, 0.1, 0.0], [0.0, 0.0, 0.0, 0.0]], dtype=np.float32)
+    seen, value = [], branches._value
+    branches._value = lambda known: seen.append(known) or value(known)
+    outputs = mean + away
+    branches.step_async(outputs)
+    found, worth = branches.measured[-1], value(seen[0]).astype(float)
+    for name, remembered in learner.believing.belief.arrays.items():
+        np.testing.assert_array_equal(remembered, before[name])
+    env = gym.make("drillenv/DrillBit-v0", costs={"metre": METRE}).unwrapped
+    env.reset(seed=0)
+    for i in range(3):
+        earned = []
+        for side, first in enumerate((outputs[i], 2.0 * mean - outputs[i])):
+            env.set_state(learner.rigs.rigs.get_state(i))
+            rewards = [float(env.step(hole_actions(each, np.zeros(SIZE)))[1]) for each in (first, mean, mean)]
+            discounted = sum(WORTH * 0.9**k * reward for k, reward in enumerate(rewards))
+            earned.append(discounted + 0.9**3 * worth[i + 3 * side])
+        assert found[i] == pytest.approx(0.5 * (earned[0] - earned[1]), abs=1e-9)
+    assert found[2] == 0.0 and np.abs(found[:2]).min() > 1e-4 and np.ptp(worth) > 0.0
+
+
+def test_a_copy_of_a_hole_that_is_done_earns_no_more():
+    _, branches = begun(2, env="drillenv/DrillBit-v0", stack=1, algo="ppo-vine", env_kwargs={"depth": 0.5})
+    copies = branches._copies
+    copies.begin()
+    outputs, noise = np.tile(np.float32([0.4, 0.2, -0.2, -1.0]), (6, 1)), np.zeros((6, copies.readings))
+    ended = np.zeros(6, dtype=bool)
+    for _ in range(600):
+        copies.step(outputs, noise)
+        assert not copies.rewards[ended].any()
+        ended = ~copies.going
+        if ended.all():
+            break
+    assert ended.all()
 
 
 def test_both_futures_see_the_same_and_go_on_as_the_policy_would():

@@ -277,6 +277,9 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
     [
         ({"algorithm": "ppo", "ahead": 4}, "ppo-vine"),
         ({"algorithm": "ppo"}, "ppo"),
+        ({"algorithm": "ppo-vine", "ahead": 4, "rig_errors": 3.0}, "ppo-vine-randomised"),
+        ({"algorithm": "recurrent-ppo", "rig_errors": 1.0}, "recurrent-ppo-randomised"),
+        ({"algorithm": "my own", "rig_errors": 3.0}, "my own-randomised"),
         ({"algorithm": "sac"}, "sac"),
         ({"algorithm": "behaviour cloning of mpc"}, "behaviour cloning of mpc"),
         ({}, "learned"),
@@ -286,7 +289,14 @@ def test_the_statement_needs_five_seeds_and_an_interval_above_zero():
     ],
 )
 def test_the_row_of_a_policy_is_its_algorithm(provenance, row):
-    assert row_of(replace(read_policy(SHIPPED), provenance=provenance)) == row
+    policy = replace(read_policy(SHIPPED), environment="drillenv/DrillLayers-v0", provenance=provenance)
+    assert row_of(policy) == row
+
+
+def test_policies_of_hidden_rigs_have_a_row_of_their_own():
+    said = {"algorithm": "ppo-vine", "ahead": 4, "rig_errors": 3.0}
+    policy = replace(read_policy(SHIPPED), environment="drillenv/DrillHidden-v0", provenance=said)
+    assert row_of(policy) == "ppo-vine-hidden"
 
 
 def test_the_rows_that_neither_learn_nor_see_the_rock():
@@ -374,7 +384,7 @@ def test_the_page_and_its_figure_are_made_by_one_command(tmp_path, capsys, monke
     names = ("test", "constants")
     places = "".join(f"<!-- league {name} -->\n<!-- end league {name} -->\n" for name in names)
     (tmp_path / "README.md").write_text(places, encoding="utf-8")
-    monkeypatch.setattr("drillenv.training.league_page.EPISODES", dict.fromkeys(names, 1))
+    monkeypatch.setattr(league_command, "episodes_of", lambda chosen: episodes_of(chosen)[:1])
     monkeypatch.setitem(league_command.STEPS, "DrillLayers", 3)
     asked = ["--out", str(tmp_path), "--conditions", *names, "--threads", "1"]
     assert make_page([*asked, "--controllers", "rules", "seeking"]) == 0

@@ -114,7 +114,7 @@ def test_the_library_s_algorithms_learn_on_holes_as_they_are(algo, more, tmp_pat
     assert evaluation_of_model(model, plain, 1).score == pytest.approx(played["cost_per_metre"][0], rel=0.02)
 
 
-@pytest.mark.parametrize("more", [{}, {"algo": "recurrent-ppo", "lstm": 8}])
+@pytest.mark.parametrize("more", [{}, {"algo": "ppo-vine", "ahead": 2}, {"algo": "recurrent-ppo", "lstm": 8}])
 def test_a_run_on_holes_goes_on_exactly(more, tmp_path):
     recipe = Recipe(**SMALL | more, evaluate_every=64, seed=7, env_kwargs=HOLE)
     train.train(recipe, 96, tmp_path / "whole", threads=1, quiet=True)
@@ -130,6 +130,9 @@ def test_training_has_a_price_of_its_own_and_the_numbers_of_a_hole():
     assert (recipe.prepared, recipe.envs, recipe.rollout, recipe.batch, recipe.epochs) == (True, 64, 128, 2048, 5)
     assert (recipe.gamma, recipe.gae_lambda, recipe.learning_rate, recipe.ahead) == (0.99, 0.95, 1e-3, 0)
     assert recipe.timesteps == recipe.anneal == 4_000_000
+    vine = Recipe(env="drillenv/DrillBit-v0")
+    assert (vine.algo, vine.prepared, vine.ahead, vine.gamma, vine.rollout) == ("ppo-vine", True, 8, 0.99, 32)
+    assert vine.timesteps == vine.anneal == 500_000
     # on the environment as it is, those of every run
     assert Recipe(env="drillenv/DrillBit-v0", algo="ppo", prepared=False).timesteps == 500_000
     plain = Recipe(env="drillenv/DrillBit-v0", algo="recurrent-ppo")
@@ -160,7 +163,12 @@ def test_holes_without_a_frozen_set_are_drawn_for_the_evaluation(tmp_path):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ([], "which ppo-vine does not learn: give ppo, recurrent-ppo, sac, td3"),
+        (
+            ["--algo", "ppo-lagrangian"],
+            "which ppo-lagrangian does not learn: give ppo-vine, ppo, recurrent-ppo, sac, td3",
+        ),
+        (["--no-prepared"], "algo is ppo-vine and the rigs are not prepared"),
+        (["--algo", "ppo", "--ahead", "4"], "only ppo-vine measures on copies"),
         (["--algo", "sac", "--prepared"], "algo is sac and the rigs are prepared"),
         (["--algo", "recurrent-ppo", "--prepared"], "algo is recurrent-ppo and the rigs are prepared"),
         (["--algo", "sac", "--rollout", "8"], "--rollout has no use with sac"),
