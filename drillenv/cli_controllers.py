@@ -38,7 +38,9 @@ NO_USE: dict[str, tuple[str, ...]] = {
     "td3": (*ANNEALED, *ON_POLICY, "ahead", "lstm", *BUDGET),
 }
 """Numbers of a recipe that an algorithm has no use for; of ppo and ppo-lagrangian where rigs are as they are."""
-NO_USE_IN_HOLES = ("noise", "noise_end", "noise_anneal", "lstm", "stack", "activation", *BUDGET)
+NO_USE_IN_HOLES = ("lstm", "stack", "activation", *BUDGET)
+LEARNED_NOISE = ("noise", "noise_end", "noise_anneal")
+"""What ppo has no use for in holes, where it learns its noise."""
 
 
 @contextmanager
@@ -284,7 +286,7 @@ def _train_options(parser: Parser) -> None:
     hole = {
         name: value
         for name, value in usual("ppo", hole=True).items()
-        if name not in (*NO_USE_IN_HOLES, "ahead") and not USUAL[name] == plain[name] == value
+        if name not in (*NO_USE_IN_HOLES, *LEARNED_NOISE, "ahead") and not USUAL[name] == plain[name] == value
     }
     otherwise = {**OTHERWISE, "Drill": ROCK, "DrillBit": hole, "ppo-vine on DrillBit": HOLE_VINE}
     for each in fields(Recipe):
@@ -347,6 +349,8 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
         timesteps = steps if timesteps is None else timesteps
     recipe = read_recipe(chosen)
     useless = NO_USE_IN_HOLES if recipe.believing else NO_USE[recipe.algo]
+    if recipe.believing and not recipe.anneals_noise:
+        useless = (*LEARNED_NOISE, *useless)
     if recipe.prepared and recipe.algo in WITH_CRITIC and not recipe.believing:
         useless = () if recipe.constrained else BUDGET
     for name in useless:

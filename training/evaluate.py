@@ -23,7 +23,7 @@ from drillenv.checks import InputError, count, shown
 from drillenv.controllers import Controller
 from drillenv.controllers.policies import DESCRIPTION, SHIPPED, WEIGHTS, Policy, read_policy
 from drillenv.controllers.policies.stable_baselines import Unpickled
-from drillenv.env.registration import HIDDEN_RIGS, STEPS
+from drillenv.env.registration import HIDDEN_RIGS, KINDS, STEPS
 from drillenv.env.reward import Reward
 from drillenv.files import whole
 from drillenv.training.conditions import Condition, episodes_of, scenario_of, strata
@@ -247,7 +247,9 @@ def check_head(kept: Mapping[str, Any], head: Mapping[str, Any]) -> None:
 def _complete(head: dict[str, Any], runs: dict[str, Any]) -> dict[str, Any]:
     """The record, its rows in the order of ALL, and then those that are not of this package."""
     ordered = {row: runs[row] for row in (*ALL, *runs) if row in runs}
-    return {**head, "runs": ordered, "summary": summary(ordered, np.array(head["strata"]))}
+    # the yardstick plans without the effect of a hidden rig
+    compared = "score" if KINDS[head["environment"]] == "hidden" else "share"
+    return {**head, "runs": ordered, "summary": summary(ordered, np.array(head["strata"]), compared)}
 
 
 def read_record(file: str | Path, form: str = FORMAT, rows: str = "runs") -> dict[str, Any]:

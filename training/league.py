@@ -36,17 +36,19 @@ SEEDS = 5
 """Training seeds that the statement needs."""
 
 
-def summary(runs: Mapping[str, list[dict[str, Any]]], strata: np.ndarray) -> dict[str, Any]:
+def summary(runs: Mapping[str, list[dict[str, Any]]], strata: np.ndarray, compared: str = "share") -> dict[str, Any]:
     """Everything that is derived from the runs.
 
     Args:
         runs: Of each row, as in the record.
         strata: (episodes,) to resample within.
+        compared: What rows are compared by: "share", the interquartile mean of the shares of the yardstick, or "score",
+            the mean score in mm/s, where the yardstick does not know the plant and shares of it say little.
 
     Returns:
         ``rows``: for each row its seeds, the interquartile mean of the shares of the yardstick with its interval, that
         of each seed, and the mean of each measure with its interval; ``beats``: the probability that the first scores
-        more than the second; ``statement``: see :func:`statement`.
+        more than the second; ``compared``; ``statement``: see :func:`statement`.
     """
     drawn = draws(strata, max(len(each) for each in runs.values()))
     shares = shares_of(runs)
@@ -60,12 +62,18 @@ def summary(runs: Mapping[str, list[dict[str, Any]]], strata: np.ndarray) -> dic
         }
         rows[name] |= {measure: _mean(values_of(each, measure), drawn) for measure in MEASURES}
     beats = {name: {other: chance(shares[name], shares[other]) for other in runs if other != name} for name in runs}
+    worth = {name: Interval(*row["share"]) for name, row in rows.items()}, share_draws
+    if compared == "score":
+        scores = {name: values_of(each, "score") for name, each in runs.items()}
+        score_draws = {name: resampled(each, drawn, mean=True) for name, each in scores.items()}
+        worth = {name: interval(float(each.mean()), score_draws[name]) for name, each in scores.items()}, score_draws
     return {
         "yardstick": YARDSTICK,
         "least_yardstick": float(values_of(runs[YARDSTICK], "score").min()),
         "rows": rows,
         "beats": beats,
-        "statement": statement(shares, share_draws, drawn),
+        "compared": compared,
+        "statement": statement(*worth, {name: (row["runs"], row["share"]) for name, row in rows.items()}),
     }
 
 
@@ -94,28 +102,34 @@ def _mean(values: np.ndarray, drawn: Draws) -> list[float | None]:
 
 
 def statement(
-    shares: Mapping[str, np.ndarray], share_draws: Mapping[str, np.ndarray], drawn: Draws
+    worth: Mapping[str, Interval], draws_of: Mapping[str, np.ndarray], rows: Mapping[str, tuple[int, list[float]]]
 ) -> dict[str, dict[str, Any]]:
     """For each row of several seeds: does it beat NEITHER, and is it good enough?
 
-    ``differences`` to the others, the best of them first, are those of the interquartile means, with intervals from
-    pairs of resamples. That the best of them is the best on these very episodes flatters it.
+    ``differences`` to the others, the best of them first, have intervals from pairs of resamples. That the best of them
+    is the best on these very episodes flatters it.
+
+    Args:
+        worth: Of each row, what it is compared by.
+        draws_of: The same in each resample.
+        rows: How many runs each row has, and its share of the yardstick with the interval.
     """
-    others = sorted((name for name in NEITHER if name in shares), key=lambda name: -iqm(shares[name]))
+    others = sorted((name for name in NEITHER if name in rows), key=lambda name: -worth[name].value)
     found = {}
-    for name in shares if others else ():
+    for name in rows if others else ():
+        seeds, share = rows[name]
         # rows that are not of this package count where their seeds are enough for a statement
-        if name not in REPEATED and (name in NEITHER or len(shares[name]) < SEEDS):
+        if name not in REPEATED and (name in NEITHER or seeds < SEEDS):
             continue
-        mean, enough_seeds = iqm(shares[name]), len(shares[name]) >= SEEDS
+        enough_seeds = seeds >= SEEDS
         differences = {
-            other: interval(mean - iqm(shares[other]), share_draws[name] - share_draws[other]) for other in others
+            other: interval(worth[name].value - worth[other].value, draws_of[name] - draws_of[other])
+            for other in others
         }
-        share = interval(mean, share_draws[name])
         found[name] = {
-            "seeds": len(shares[name]),
-            "share": _listed(share),
-            "reaches_enough": enough_seeds and share.low >= ENOUGH,
+            "seeds": seeds,
+            "share": share,
+            "reaches_enough": enough_seeds and share[1] >= ENOUGH,
             "differences": {other: _listed(each) for other, each in differences.items()},
             "beats": [other for other, each in differences.items() if enough_seeds and each.low > 0.0],
             "loses_to": [other for other, each in differences.items() if enough_seeds and each.high < 0.0],

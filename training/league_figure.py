@@ -16,7 +16,9 @@ SHOWN = {
     "scheduled": "#0072b2",
     "seeking": "#009e73",
     "mpc": "#7a5195",
-    "ppo-vine": "#d55e00",
+    "ppo-vine-hidden": "#e6ab02",
+    "ppo-vine-randomised": "#d55e00",
+    "ppo-vine": "#f4a582",
     "ppo": "#cc79a7",
     "ppo-lagrangian": "#332288",
     "recurrent-ppo": "#8c2d04",
@@ -24,7 +26,7 @@ SHOWN = {
     "td3": "#999999",
 }
 """The rows in the figure and their colours; the shipped policy stands in where there are no rows of its algorithm."""
-STAND_IN, STAND_IN_FOR = "shipped", "ppo-vine"
+STAND_IN, STAND_IN_FOR = "shipped", "ppo-vine-randomised"
 LEFT_OUT = ("random", "fixed", "steady-oracle", "oracle", STAND_IN)
 """Rows that the figure has no room for; those that are not of this package have one of OTHERS each."""
 OTHERS = ("#1b7837", "#c51b7d", "#01665e", "#bf812d", "#4d4d4d")

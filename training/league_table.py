@@ -21,7 +21,7 @@ def league_table(record: Mapping[str, Any]) -> str:
         f"{'| cost, N ' if told else ''}| worst 5 %, N | J/mm | recovery, s |",
         "|" + "---|" * (9 + told),
     ]
-    for name in sorted(rows, key=lambda each: -rows[each]["share"][0]):
+    for name in best_first(record):
         row = rows[name]
         value, low, high = row["share"]
         seeds = f" ({row['runs']} seeds)" if row["runs"] > 1 else ""
@@ -42,10 +42,15 @@ def league_table(record: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def best_first(record: Mapping[str, Any]) -> list[str]:
+    """The rows, by what they are compared by; records of before, which do not say it, by their shares."""
+    rows, compared = record["summary"]["rows"], record["summary"].get("compared", "share")
+    return sorted(rows, key=lambda each: -rows[each][compared][0])
+
+
 def beats_table(record: Mapping[str, Any]) -> str:
     """The probabilities that the row's controller scores more than the column's, as a Markdown table."""
-    rows, beats = record["summary"]["rows"], record["summary"]["beats"]
-    names = sorted(rows, key=lambda each: -rows[each]["share"][0])
+    names, beats = best_first(record), record["summary"]["beats"]
     lines = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
     for name in names:
         cells = ["" if other == name else f"{beats[name][other]:.2f}" for other in names]
@@ -55,7 +60,8 @@ def beats_table(record: Mapping[str, Any]) -> str:
 
 def statement_text(record: Mapping[str, Any]) -> str:
     """The statement about learning in words, a line for each row of SEEDS seeds or more."""
-    lines = []
+    lines, of_score = [], record["summary"].get("compared") == "score"
+    what = "mean scores in mm/s" if of_score else "shares"
     for name, found in record["summary"]["statement"].items():
         if found["seeds"] < SEEDS:
             continue
@@ -74,7 +80,7 @@ def statement_text(record: Mapping[str, Any]) -> str:
         lines.append(
             f"- `{name}`, {found['seeds']} training seeds, {reaches} 95 % of the oracle: {share:.3f} ({least:.3f} to "
             f"{most:.3f}). Of those that neither learn nor see the rock it {'; it '.join(said)}: differences of the "
-            "shares, with 95 % intervals."
+            f"{what}, with 95 % intervals."
         )
     return "\n".join(lines)
 

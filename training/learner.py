@@ -86,7 +86,7 @@ class Learner:
             head.bias.copy_(torch.from_numpy(np.array(believing.BEGIN) if recipe.believing else outputs_for(*START)))
             if recipe.believing:
                 self.model.policy.log_std.copy_(torch.tensor(believing.NOISE))
-        self.model.policy.log_std.requires_grad_(recipe.believing)
+        self.model.policy.log_std.requires_grad_(not recipe.anneals_noise)
         self.anneal()
 
     def _algorithm(self) -> PPO | RecurrentPPO:
@@ -129,8 +129,6 @@ class Learner:
     def anneal(self) -> None:
         """Set learning rate and noise of the actions for the steps done so far, where the rigs are prepared.
 
-        In a hole the noise is learned, and stays as it is.
-
         They go by these steps alone, not by how many are wanted in the end, so that a run that is lengthened is the run
         that was long from the start.
         """
@@ -139,12 +137,12 @@ class Learner:
             return
         steps = self.model.num_timesteps
         self._left = max(0.0, 1.0 - steps / recipe.anneal)
-        if recipe.believing:
+        if not recipe.anneals_noise:
             return
         loud = max(0.0, 1.0 - steps / recipe.noise_anneal)
         noise = loud * np.log(recipe.noise) + (1.0 - loud) * np.log(recipe.noise_end)
         with torch.no_grad():
-            self.model.policy.log_std.copy_(torch.from_numpy(noise))
+            self.model.policy.log_std[: noise.size].copy_(torch.from_numpy(noise))
 
     def close(self) -> None:
         """Let the threads of the rigs go."""

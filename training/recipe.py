@@ -42,7 +42,7 @@ TIMESTEPS = {"sac": 100_000, "td3": 100_000}
 """Steps in all where none are given, in place of USUAL_TIMESTEPS."""
 USUAL_TIMESTEPS = 500_000
 HOLE_TIMESTEPS = 4_000_000
-HOLE_VINE_TIMESTEPS = 500_000
+HOLE_VINE_TIMESTEPS = 150_000
 CHECKPOINT_SECONDS = 15.0
 """Between two checkpoints."""
 MOST_AHEAD = 100
@@ -118,9 +118,18 @@ HOLE: Mapping[str, Any] = MappingProxyType(
 )
 """What is otherwise where a hole is drilled by ppo on rigs that are prepared, in a way of their own."""
 HOLE_VINE: Mapping[str, Any] = MappingProxyType(
-    {"ahead": 8, "rollout": 32, "batch": 512, "anneal": HOLE_VINE_TIMESTEPS, "evaluate_every": 25_000}
+    {
+        "ahead": 24,
+        "rollout": 32,
+        "batch": 512,
+        "anneal": HOLE_VINE_TIMESTEPS,
+        "noise": (0.3, 0.3, 0.3),
+        "noise_end": (0.03, 0.03, 0.05),
+        "noise_anneal": 100_000,
+        "evaluate_every": 25_000,
+    }
 )
-"""What is then otherwise with ppo-vine, whose steps say more and take seventeen times as long."""
+"""What is then otherwise with ppo-vine, whose steps say more and take fifty times as long."""
 PLAIN_RECURRENT: Mapping[str, Any] = MappingProxyType({**PLAIN_PPO, "rollout": 128, "batch": 128, "lstm": 256})
 """What is otherwise where recurrent-ppo drills a hole: the numbers of sb3-contrib itself, on eight rigs."""
 
@@ -258,6 +267,15 @@ class Recipe:
     def believing(self) -> bool:
         """Whether a hole is drilled by what can be known of it, on prepared rigs."""
         return self.hole and self.prepared
+
+    @property
+    def anneals_noise(self) -> bool:
+        """Whether the noise of the actions is annealed; else it is learned.
+
+        What is measured against the mirror image says nothing of the noise: an action earns as much as its opposite
+        loses. In a hole ppo learns it, and the noise on the change of bits stays as it is in any case.
+        """
+        return self.prepared and not (self.believing and not self.ahead)
 
     @property
     def constrained(self) -> bool:

@@ -38,7 +38,7 @@ def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool =
     seen = block.mask_and_whiten(block.sampled(values, seen)[:, :, block.judged])
     # most parameters of recordings are of others, and change nothing here
     changing, by_shared = columns_by_parameters(block, values, raw, seen, mixing)
-    local_mixing, count = mixing_of_labels(block, columns, model), block.locals
+    local_mixing, count = mixing_of_labels(columns, model), block.locals
     wide = np.concatenate([columns_by_locals(block, seen, local_mixing), by_shared, residual[None]])
     width = count + mixing.shape[1] + 1
     there = np.concatenate([np.arange(count), count + changing, [width - 1]])
@@ -77,7 +77,7 @@ def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool =
     )
 
 
-def mixing_of_labels(block: ShootingProblem, columns: Sequence[Column], model: Model) -> Floats:
+def mixing_of_labels(columns: Sequence[Column], model: Model) -> Floats:
     """(columns, 2) how the derivatives by the pressure's share and the impacts before are made of columns."""
     kinds = [each.kind for each in columns]
     made = np.zeros((len(kinds), 2))

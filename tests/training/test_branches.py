@@ -73,8 +73,9 @@ def test_an_advantage_on_a_hole_is_the_difference_of_two_discounted_futures_and_
             rewards = [float(env.step(hole_actions(each, np.zeros(SIZE)))[1]) for each in (first, mean, mean)]
             discounted = sum(WORTH * 0.9**k * reward for k, reward in enumerate(rewards))
             earned.append(discounted + 0.9**3 * worth[i + 3 * side])
-        assert found[i] == pytest.approx(0.5 * (earned[0] - earned[1]), abs=1e-9)
-    assert found[2] == 0.0 and np.abs(found[:2]).min() > 1e-4 and np.ptp(worth) > 0.0
+        assert found[i] == pytest.approx(0.5 * (earned[0] - earned[1]), abs=1e-6)
+    # the rows of a product of matrices may be rounded otherwise
+    assert abs(found[2]) < 1e-6 and np.abs(found[:2]).min() > 1e-4 and np.ptp(worth) > 0.0
 
 
 def test_a_copy_of_a_hole_that_is_done_earns_no_more():

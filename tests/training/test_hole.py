@@ -131,8 +131,8 @@ def test_training_has_a_price_of_its_own_and_the_numbers_of_a_hole():
     assert (recipe.gamma, recipe.gae_lambda, recipe.learning_rate, recipe.ahead) == (0.99, 0.95, 1e-3, 0)
     assert recipe.timesteps == recipe.anneal == 4_000_000
     vine = Recipe(env="drillenv/DrillBit-v0")
-    assert (vine.algo, vine.prepared, vine.ahead, vine.gamma, vine.rollout) == ("ppo-vine", True, 8, 0.99, 32)
-    assert vine.timesteps == vine.anneal == 500_000
+    assert (vine.algo, vine.prepared, vine.ahead, vine.gamma, vine.rollout) == ("ppo-vine", True, 24, 0.99, 32)
+    assert vine.timesteps == vine.anneal == 150_000
     # on the environment as it is, those of every run
     assert Recipe(env="drillenv/DrillBit-v0", algo="ppo", prepared=False).timesteps == 500_000
     plain = Recipe(env="drillenv/DrillBit-v0", algo="recurrent-ppo")
