@@ -72,7 +72,7 @@ def draw(records: Mapping[str, Mapping[str, Any]], file: str | Path) -> None:
         if key == "share":
             panel.set_ylim(top=MOST)
             panel.axhline(1.0, color="#404040", lw=0.8, ls="--")
-            panel.legend(ncols=min(len(rows), 7), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+            panel.legend(ncols=min(len(rows), 5), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         panel.set_xticks(np.arange(len(conditions)), [LABELS[name] for name in conditions])
         panel.tick_params(axis="x", length=0)
     with whole(file) as part:
