@@ -29,6 +29,7 @@ from drillenv.controllers.policies import actions_of
 from drillenv.env.batch import Batch
 from drillenv.env.hole.batch import HoleBatch
 from drillenv.env.hole.readings import SIZE as HOLE_READINGS
+from drillenv.env.hole.task import HoleTask
 from drillenv.env.observation import SIZE
 from drillenv.training.believing import WORTH, Believing
 from drillenv.training.scaling import scaled
@@ -105,6 +106,7 @@ class HoleCopies:
 
     def __init__(self, believing: Believing, rigs: DrillVecEnv, discount: float):
         self._believing, self._rigs, self.discount = believing, rigs.rigs._batch, discount
+        assert isinstance(self._rigs.task, HoleTask)
         self._copies = HoleBatch(self._rigs.task, 2 * rigs.num_envs, self._rigs.threads)
         self._belief = Belief(2 * rigs.num_envs)
         self.rewards = np.zeros(2 * rigs.num_envs)
