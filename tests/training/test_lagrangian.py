@@ -193,7 +193,7 @@ BAD = {
     "reward": (["--env-kwargs", '{"reward": 3}'], "reward is 3: give a record of weights"),
     "hole": (
         ["--env", "drillenv/DrillBit-v0"],
-        "is a hole, which ppo-lagrangian does not learn: give ppo, recurrent-ppo, sac, td3",
+        "is a hole, which ppo-lagrangian does not learn: give ppo-vine, ppo, recurrent-ppo, sac, td3",
     ),
 }
 
