@@ -26,7 +26,9 @@ CONTROLLERS = (
     "names of this package, controllers that are installed, package.module:Class, policies (folders), or models of "
     "Stable-Baselines3 (files that end in .zip); ROW=CONTROLLER gives a row a name of its own"
 )
-ANNEALED = ("noise", "noise_end", "noise_anneal", "anneal")
+NOISE = ("noise", "noise_end", "noise_anneal")
+"""ppo has no use for them in holes, where it learns its noise."""
+ANNEALED = (*NOISE, "anneal")
 ON_POLICY = ("rollout", "epochs", "gae_lambda", "clip")
 BUDGET = ("cost_limit", "multiplier_rate", "multiplier_gain")
 NO_USE: dict[str, tuple[str, ...]] = {
@@ -39,8 +41,6 @@ NO_USE: dict[str, tuple[str, ...]] = {
 }
 """Numbers of a recipe that an algorithm has no use for; of ppo and ppo-lagrangian where rigs are as they are."""
 NO_USE_IN_HOLES = ("lstm", "stack", "activation", *BUDGET)
-LEARNED_NOISE = ("noise", "noise_end", "noise_anneal")
-"""What ppo has no use for in holes, where it learns its noise."""
 
 
 @contextmanager
@@ -286,7 +286,7 @@ def _train_options(parser: Parser) -> None:
     hole = {
         name: value
         for name, value in usual("ppo", hole=True).items()
-        if name not in (*NO_USE_IN_HOLES, *LEARNED_NOISE, "ahead") and not USUAL[name] == plain[name] == value
+        if name not in (*NO_USE_IN_HOLES, *NOISE, "ahead") and not USUAL[name] == plain[name] == value
     }
     otherwise = {**OTHERWISE, "Drill": ROCK, "DrillBit": hole, "ppo-vine on DrillBit": HOLE_VINE}
     for each in fields(Recipe):
@@ -350,7 +350,7 @@ def asked(given: argparse.Namespace) -> dict[str, Any]:
     recipe = read_recipe(chosen)
     useless = NO_USE_IN_HOLES if recipe.believing else NO_USE[recipe.algo]
     if recipe.believing and not recipe.anneals_noise:
-        useless = (*LEARNED_NOISE, *useless)
+        useless = (*NOISE, *useless)
     if recipe.prepared and recipe.algo in WITH_CRITIC and not recipe.believing:
         useless = () if recipe.constrained else BUDGET
     for name in useless:

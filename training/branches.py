@@ -42,18 +42,18 @@ class Copies(Protocol):
     """Two copies of each of n rigs: first all that begin with the actions, then all that begin with the opposite.
 
     Attributes:
-        readings: Numbers of noise that a step of a rig takes.
+        noise_size: Numbers of noise that a step of a rig takes.
         discount: Of a step.
-        valued: Whether a critic says what the copies are worth at the end.
+        bootstraps: Whether a critic says what the copies are worth at the end.
         rewards: (2 n,) of the last step.
-        going: (2 n,) bool, whether each has not ended.
+        running: (2 n,) bool, whether the episode of each has not ended.
     """
 
-    readings: int
+    noise_size: int
     discount: float
-    valued: bool
+    bootstraps: bool
     rewards: np.ndarray
-    going: np.ndarray
+    running: np.ndarray
 
     def begin(self) -> np.ndarray:
         """Put the copies where the rigs are; what a policy sees of them, (2 n, ...)."""
@@ -72,13 +72,13 @@ class RockCopies:
         rigs: The rigs below.
     """
 
-    readings, discount, valued = SIZE, 1.0, False
+    noise_size, discount, bootstraps = SIZE, 1.0, False
 
     def __init__(self, stacked: VecFrameStack, rigs: DrillVecEnv):
         self._stacked, self._rigs = stacked, rigs.rigs._batch
         self._copies = Batch(self._rigs.task, 2 * rigs.num_envs, 0, self._rigs.threads)
         self.rewards = self._copies.rewards
-        self.going = np.ones(2 * rigs.num_envs, dtype=bool)
+        self.running = np.ones(2 * rigs.num_envs, dtype=bool)
 
     def begin(self) -> np.ndarray:
         """See :class:`Copies`."""
@@ -88,7 +88,7 @@ class RockCopies:
 
     def step(self, outputs: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """See :class:`Copies`."""
-        self._copies.step(self.going, actions_of(outputs), False, noise)
+        self._copies.step(self.running, actions_of(outputs), False, noise)
         self._seen = np.hstack([self._seen[:, SIZE:], scaled(self._copies.readings)])
         return self._seen
 
@@ -102,7 +102,7 @@ class HoleCopies:
         discount: Of a step.
     """
 
-    readings, valued = HOLE_READINGS, True
+    noise_size, bootstraps = HOLE_READINGS, True
 
     def __init__(self, believing: Believing, rigs: DrillVecEnv, discount: float):
         self._believing, self._rigs, self.discount = believing, rigs.rigs._batch, discount
@@ -110,7 +110,7 @@ class HoleCopies:
         self._copies = HoleBatch(self._rigs.task, 2 * rigs.num_envs, self._rigs.threads)
         self._belief = Belief(2 * rigs.num_envs)
         self.rewards = np.zeros(2 * rigs.num_envs)
-        self.going = np.ones(2 * rigs.num_envs, dtype=bool)
+        self.running = np.ones(2 * rigs.num_envs, dtype=bool)
 
     def begin(self) -> np.ndarray:
         """See :class:`Copies`."""
@@ -118,15 +118,15 @@ class HoleCopies:
         present = self._believing.belief.arrays
         for name, remembered in self._belief.arrays.items():
             remembered[:] = np.concatenate([present[name], present[name]])
-        self.going = ~self._copies.terminated
+        self.running = ~self._copies.terminated
         self._known = np.tile(self._believing.known, (2, 1))
         return self._known
 
     def step(self, outputs: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """See :class:`Copies`."""
-        self._copies.step(self.going, hole.actions_of(outputs, self._known), False, noise)
-        self.rewards = WORTH * np.where(self.going, self._copies.rewards, 0.0)
-        self.going = self.going & ~self._copies.terminated
+        self._copies.step(self.running, hole.actions_of(outputs, self._known), False, noise)
+        self.rewards = WORTH * np.where(self.running, self._copies.rewards, 0.0)
+        self.running = self.running & ~self._copies.terminated
         self._known = self._belief.of(self._copies.readings)
         return self._known
 
@@ -184,15 +184,15 @@ class Branches(VecEnvWrapper):
         chosen = np.vstack([outputs, 2.0 * self._mean(seen[:n]) - outputs])
         # by the steps done, so that a run that was resumed draws what it would have drawn
         rng = np.random.default_rng((self._first, self.model.num_timesteps))
-        earned, worth = np.zeros(2 * n), 1.0
+        earned, discount = np.zeros(2 * n), 1.0
         for k in range(self._ahead):
-            seen = copies.step(chosen, np.tile(rng.standard_normal((n, copies.readings)), (2, 1)))
-            earned += worth * copies.rewards
-            worth *= copies.discount
+            seen = copies.step(chosen, np.tile(rng.standard_normal((n, copies.noise_size)), (2, 1)))
+            earned += discount * copies.rewards
+            discount *= copies.discount
             if k < self._ahead - 1:
                 chosen = self._mean(seen)
-        if copies.valued:
-            earned += worth * np.where(copies.going, self._value(seen), 0.0)
+        if copies.bootstraps:
+            earned += discount * np.where(copies.running, self._value(seen), 0.0)
         return 0.5 * (earned[:n] - earned[n:])
 
     def _mean(self, seen: np.ndarray) -> np.ndarray:

@@ -62,18 +62,16 @@ def summary(runs: Mapping[str, list[dict[str, Any]]], strata: np.ndarray, compar
         }
         rows[name] |= {measure: _mean(values_of(each, measure), drawn) for measure in MEASURES}
     beats = {name: {other: chance(shares[name], shares[other]) for other in runs if other != name} for name in runs}
-    worth = {name: Interval(*row["share"]) for name, row in rows.items()}, share_draws
+    values, values_draws = {name: row[compared][0] for name, row in rows.items()}, share_draws
     if compared == "score":
-        scores = {name: values_of(each, "score") for name, each in runs.items()}
-        score_draws = {name: resampled(each, drawn, mean=True) for name, each in scores.items()}
-        worth = {name: interval(float(each.mean()), score_draws[name]) for name, each in scores.items()}, score_draws
+        values_draws = {name: resampled(values_of(each, "score"), drawn, mean=True) for name, each in runs.items()}
     return {
         "yardstick": YARDSTICK,
         "least_yardstick": float(values_of(runs[YARDSTICK], "score").min()),
         "rows": rows,
         "beats": beats,
         "compared": compared,
-        "statement": statement(*worth, {name: (row["runs"], row["share"]) for name, row in rows.items()}),
+        "statement": statement(values, values_draws, {name: (row["runs"], row["share"]) for name, row in rows.items()}),
     }
 
 
@@ -102,7 +100,7 @@ def _mean(values: np.ndarray, drawn: Draws) -> list[float | None]:
 
 
 def statement(
-    worth: Mapping[str, Interval], draws_of: Mapping[str, np.ndarray], rows: Mapping[str, tuple[int, list[float]]]
+    values: Mapping[str, float], values_draws: Mapping[str, np.ndarray], rows: Mapping[str, tuple[int, list[float]]]
 ) -> dict[str, dict[str, Any]]:
     """For each row of several seeds: does it beat NEITHER, and is it good enough?
 
@@ -110,11 +108,11 @@ def statement(
     is the best on these very episodes flatters it.
 
     Args:
-        worth: Of each row, what it is compared by.
-        draws_of: The same in each resample.
+        values: Of each row, what it is compared by.
+        values_draws: The same in each resample.
         rows: How many runs each row has, and its share of the yardstick with the interval.
     """
-    others = sorted((name for name in NEITHER if name in rows), key=lambda name: -worth[name].value)
+    others = sorted((name for name in NEITHER if name in rows), key=lambda name: -values[name])
     found = {}
     for name in rows if others else ():
         seeds, share = rows[name]
@@ -123,8 +121,7 @@ def statement(
             continue
         enough_seeds = seeds >= SEEDS
         differences = {
-            other: interval(worth[name].value - worth[other].value, draws_of[name] - draws_of[other])
-            for other in others
+            other: interval(values[name] - values[other], values_draws[name] - values_draws[other]) for other in others
         }
         found[name] = {
             "seeds": seeds,

@@ -272,10 +272,10 @@ class Recipe:
     def anneals_noise(self) -> bool:
         """Whether the noise of the actions is annealed; else it is learned.
 
-        What is measured against the mirror image says nothing of the noise: an action earns as much as its opposite
-        loses. In a hole ppo learns it, and the noise on the change of bits stays as it is in any case.
+        Advantages that are measured against the mirror image have no gradient by the noise: an action earns as much as
+        its opposite loses. In a hole the noise on the change of bits stays as it begins then.
         """
-        return self.prepared and not (self.believing and not self.ahead)
+        return self.prepared and (self.ahead > 0 or not self.believing)
 
     @property
     def constrained(self) -> bool:

@@ -82,12 +82,12 @@ def test_a_copy_of_a_hole_that_is_done_earns_no_more():
     _, branches = begun(2, env="drillenv/DrillBit-v0", stack=1, algo="ppo-vine", env_kwargs={"depth": 0.5})
     copies = branches._copies
     copies.begin()
-    outputs, noise = np.tile(np.float32([0.4, 0.2, -0.2, -1.0]), (6, 1)), np.zeros((6, copies.readings))
+    outputs, noise = np.tile(np.float32([0.4, 0.2, -0.2, -1.0]), (6, 1)), np.zeros((6, copies.noise_size))
     ended = np.zeros(6, dtype=bool)
     for _ in range(600):
         copies.step(outputs, noise)
         assert not copies.rewards[ended].any()
-        ended = ~copies.going
+        ended = ~copies.running
         if ended.all():
             break
     assert ended.all()
