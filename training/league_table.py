@@ -65,8 +65,11 @@ def statement_text(record: Mapping[str, Any]) -> str:
     for name, found in record["summary"]["statement"].items():
         if found["seeds"] < SEEDS:
             continue
-        share, least, most = found["share"]
-        reaches = "reaches" if found["reaches_enough"] else "does not surely reach"
+        if of_score:  # there the oracle is no yardstick
+            reached = "scores {:.3f} mm/s ({:.3f} to {:.3f})".format(*record["summary"]["rows"][name]["score"])
+        else:
+            surely = "reaches" if found["reaches_enough"] else "does not surely reach"
+            reached = "{} 95 % of the oracle: {:.3f} ({:.3f} to {:.3f})".format(surely, *found["share"])
         unsure = [other for other in found["differences"] if other not in (*found["beats"], *found["loses_to"])]
         said = [
             f"{words} {', '.join(f'`{other}` ({_difference(found, other)})' for other in others)}"
@@ -78,9 +81,8 @@ def statement_text(record: Mapping[str, Any]) -> str:
             if others
         ]
         lines.append(
-            f"- `{name}`, {found['seeds']} training seeds, {reaches} 95 % of the oracle: {share:.3f} ({least:.3f} to "
-            f"{most:.3f}). Of those that neither learn nor see the rock it {'; it '.join(said)}: differences of the "
-            f"{what}, with 95 % intervals."
+            f"- `{name}`, {found['seeds']} training seeds, {reached}. Of those that neither learn nor see the rock it "
+            f"{'; it '.join(said)}: differences of the {what}, with 95 % intervals."
         )
     return "\n".join(lines)
 

@@ -285,6 +285,7 @@ def test_where_the_yardstick_does_not_know_the_plant_scores_are_compared():
     assert found["beats"] == ["rules"] and found["differences"]["rules"][0] == pytest.approx(0.04, abs=0.005)
     assert best_first({"summary": by_score})[0] == "ppo-vine"
     text = statement_text({"summary": by_score})
+    assert "of the oracle" not in text and "5 training seeds, scores 1.5" in text
     assert "it beats `rules` (+0.0" in text and text.endswith(
         "differences of the mean scores in mm/s, with 95 % intervals."
     )
