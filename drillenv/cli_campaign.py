@@ -140,7 +140,7 @@ def _add_init(parser: Parser) -> None:
     parser.add_argument("folder", metavar="FOLDER", help="folder of .csv, .mat, .h5, .tdms and .lvm files")
     note = "percussive-drill (default), or one-body"
     parser.add_argument("--rig", default="percussive-drill", metavar="{percussive-drill,one-body}", help=note)
-    parser.add_argument("--rock", metavar="CASE", help="case of Table 2.2, 1 to 6, or its name")
+    parser.add_argument("--rock", metavar="ROCK", help="case of Table 2.2, its name, or a file of drillenv indentation")
     parser.add_argument("--title", metavar="TEXT", help="by default the name of the folder")
     group = parser.add_argument_group("recordings", "Each for all files, or as NAME=VALUE for one; repeatable.")
     for name, (metavar, note) in PER_FILE.items():

@@ -93,29 +93,17 @@ def _between(values: Floats) -> Floats:
     return made
 
 
-def _powers(knots: Floats) -> Floats:
-    """(pieces, DEGREE + 1, DEGREE + 1) powers of where in its piece each of the picked knots (GRID,) is."""
-    at = knots[_PICKED]
-    t = 2.0 * (at - at[:, :1]) / (at[:, -1:] - at[:, :1]) - 1.0
-    return t[:, :, None] ** np.arange(DEGREE + 1)
-
-
 @functools.lru_cache(maxsize=256)
-def _inverse(scale: float, low: float, step: float) -> Floats:
-    """From values at the picked points of an axis to its pieces' coefficients."""
-    return np.asarray(np.linalg.inv(_powers(scale * np.sinh(low + step * np.arange(GRID)))), dtype=float)
+def _inverse(knots: bytes) -> Floats:
+    """(pieces, DEGREE + 1, DEGREE + 1) from values at the picked ones of knots (GRID,) to their piece's polynomial."""
+    at = np.frombuffer(knots)[_PICKED]
+    t = 2.0 * (at - at[:, :1]) / (at[:, -1:] - at[:, :1]) - 1.0
+    return np.asarray(np.linalg.inv(np.polynomial.polynomial.polyvander(t, DEGREE)), dtype=float)
 
 
-def _solved(knots: Floats, laws: Floats) -> Floats:
+def _fitted(laws: Floats, knots: Floats) -> Floats:
     """(m, pieces, DEGREE + 1) polynomials through laws (m, GRID) at knots (GRID,)."""
-    found = np.linalg.solve(_powers(knots), np.moveaxis(laws[:, _PICKED], 0, -1))
-    return np.moveaxis(np.asarray(found, dtype=float), -1, 0)
-
-
-def _fitted(laws: Floats, axes: Axes, place: int) -> Floats:
-    """(m, pieces, DEGREE + 1) polynomials through laws (m, GRID) on their axis."""
-    inverse = _inverse(float(axes.scale[place]), float(axes.low[place]), float(axes.step[place]))
-    return (inverse @ laws[:, _PICKED][..., None])[..., 0]
+    return (_inverse(knots.tobytes()) @ laws[:, _PICKED][..., None])[..., 0]
 
 
 class Contact(NamedTuple):
@@ -156,19 +144,17 @@ def table_of(values: Floats, axes: Axes, place: int) -> Table:
     Raises:
         NotSmoothError: it is no law of a contact: see :func:`_contact`.
     """
-    knots = axes.points(place)
+    knots, law = axes.points(place), values
     if place <= UNLOADING:
-        w, knots = knots, _contact(values, axes, place).depth
-        (pieces,) = _solved(knots, w[None])
-    else:
-        (pieces,) = _fitted(values[None], axes, place)
+        knots, law = _contact(values, axes, place).depth, knots
+    (pieces,) = _fitted(law[None], knots)
     return Table(knots[::CELLS].copy(), pieces, np.zeros(len(pieces) - 1, dtype=bool))
 
 
 def changes_of(values: Floats, changes: Floats, axes: Axes, place: int) -> Floats:
     """(m, pieces, DEGREE + 1) by what a law's pieces change with its values, by each of ``changes`` (m, GRID)."""
     if place > UNLOADING:
-        return _fitted(changes, axes, place)
+        return _fitted(changes, axes.points(place))
     made = _contact(values, axes, place)
     moved = made.factor * _integral(changes * made.stretch / made.factor)
-    return _solved(made.depth, moved)
+    return _fitted(moved, made.depth)

@@ -14,7 +14,7 @@ import numpy as np
 from drillenv.diagnosis.equations import Around, acts_at, curve_at
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.dynamics.constitutive.places import UNLOADING
+from drillenv.dynamics.constitutive.places import COMPACTION, UNLOADING
 from drillenv.dynamics.forms import Form
 from drillenv.dynamics.hybrid.vector_field import F_B, KL, KU, LONGEST, K
 
@@ -90,7 +90,10 @@ class Model:
         for law in self.laws:
             if place in acts_at(law.effect, law.form)[0]:
                 curve = curve_at(law.effect, law.parameters, place, law.axes.points(place), around)
-                total += np.log(np.clip(curve, 1e-3, 1e3)) if place <= UNLOADING else curve
+                if place == COMPACTION:  # factors on the stiffness, less 1
+                    total = (1.0 + total) * (1.0 + curve) - 1.0
+                else:
+                    total += np.log(np.clip(curve, 1e-3, 1e3)) if place <= UNLOADING else curve
         return total
 
     def pushed(self, factor: float) -> Model:

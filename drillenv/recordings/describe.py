@@ -293,7 +293,7 @@ def _rock(told: Told, questions: _Questions) -> Rock:
     if text is None:
         text = questions.answer(
             "Which rock and indenter, case 1 to 6 of Table 2.2? ",
-            "the rock is not known: give --rock CASE (1 to 6 of Table 2.2), or --loading-stiffness and "
+            "the rock is not known: give --rock CASE (1 to 6 of Table 2.2) or --rock FILE, or --loading-stiffness and "
             "--unloading-stiffness in N/m",
         )
     return rock(text)

@@ -228,3 +228,26 @@ def test_an_equation_of_the_contact_is_the_same_as_a_factor(bench, name):
         ahead, behind = (stiff / around.kl * table(depth * (1 + e) * scale) / scale for e in (1e-4, -1e-4))
         factor = (ahead - behind) / (2e-4 * depth) * around.kl / stiff
         np.testing.assert_allclose(curve_at(name, p, place, w, around), factor, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("contact-rate", RATE_FACTOR),
+        ("rock-compaction", COMPACTION),
+        ("stiffness-hardening", SPRING),
+        ("damping-quadratic", DAMPER),
+        ("drive-harmonics", WAVEFORM),
+    ],
+)
+def test_an_equation_with_a_free_correction_is_the_curve_that_is_shown(bench, name, place):
+    """The engine has them as two laws, and the curve of both as one."""
+    p = tuple(sum(each.typical) / 2 for each in REGISTRY[name].parameters)
+    x = bench.axes.points(place) / REACH[place]
+    both, one = Model(bench.model.s.copy()), Model(bench.model.s.copy())
+    both.laws.append(Law(name, REGISTRY[name].forms[0], p, bench.axes))
+    both.free[place] = LAWS[place] * (x + 0.5 * x**2) + (0.3 if place == COMPACTION else 0.0)
+    one.free[place] = both.curve(place)
+    alone = Model(bench.model.s.copy(), both.free.copy())
+    expected = bench.run(both).signals
+    assert apart(bench, bench.run(one).signals, expected) < 1e-3 < apart(bench, bench.run(alone).signals, expected)
