@@ -221,7 +221,7 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
     level = float(np.median(force[low]))
     level = level if abs(level) > noise else 0.0
     own, time = np.ones_like(force), np.arange(force.size) / rate
-    hums = {orders: [_sines(time, 2 * math.pi * each, orders) for each in _apart(time, omega)] for orders in ORDERS}
+    mains = _apart(time, omega)
     least, found, hummed, zero = 0.0, np.full(force.size, level), False, [own]
     swelling: list[np.ndarray] = []
     drift = _read_off(force, np.column_stack([own, time]), level, noise)
@@ -233,7 +233,7 @@ def flight_reading(force: np.ndarray, acceleration: np.ndarray, noise: float, ra
         if (orders and some_mass and best == least) or (len(orders) > 1 and not hummed):
             break
         needed = best + HUM
-        for hum in hums[orders] if orders else [()]:
+        for hum in (_sines(time, 2 * math.pi * each, orders) for each in mains) if orders else [()]:
             columns = (*zero, acceleration, *hum) if some_mass else (*zero, *hum)
             read = _read_off(force, np.column_stack(columns), level, noise)
             if read is None or read.gain <= max(needed, best):
@@ -336,8 +336,9 @@ def what_is_needed(recording: Recording) -> tuple[Setting, list[np.ndarray]]:
     return recording.setting, samples
 
 
+@lru_cache(64)
 def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
-    """Prepare a recording of the drilling rig.
+    """Prepare a recording of the drilling rig; one that was prepared already is not prepared again.
 
     ``late`` is by how many seconds the acceleration is taken to lag, for the first guess of the states.
 

@@ -111,8 +111,9 @@ def defect_columns(block: ShootingProblem, raw: Raw, own: int, varied: Varied, m
         by_own[i][:, i * kept + varied.present] = -raw.ends_by_state[i, :, :kept].T
     change = varied.by_column[1:] - raw.ends_by_column[:-1, :, :kept]
     first = block.windows * kept
-    by_own[:, :, first : first + 2] = np.einsum("wes,ek->wsk", change, local_mixing)
-    by_shared = np.einsum("wes,ep->wsp", change, mixing) * block.scales[: mixing.shape[1]]
+    turned = change.transpose(0, 2, 1)
+    by_own[:, :, first : first + 2] = turned @ local_mixing
+    by_shared = turned @ mixing * block.scales[: mixing.shape[1]]
     return ((by_own / over[:, None]).reshape(-1, own), (by_shared / over[:, None]).reshape(pairs * kept, -1))
 
 

@@ -55,9 +55,7 @@ def equivalents(step: Step) -> list[str]:
     else:
         most = min((each.worse for each in tried), default=0.0) + EQUAL
     named = {each.equation.effect for each in tried if each.worse < most}
-    close = [
-        family for family, other in step.rivals if other.cost - step.cost_when_found < EQUAL and not family.constant
-    ]
+    close = [family for family, worse in step.rivals if worse < EQUAL and not family.constant]
     alike = named | {family.mechanism for family in close}
     # what sensors do by no mechanism of the library has no name
     return sorted((alike | {*step.named.alike}) - {step.named.mechanism, ""})
@@ -67,8 +65,7 @@ def rejected(steps: Sequence[Step], tested: ScoreTests) -> list[dict[str, str]]:
     """Families that were passed over, with the reason."""
     said = []
     for step in steps:
-        for family, other in step.rivals:
-            worse = other.cost - step.cost_when_found
+        for family, worse in step.rivals:
             said.append({"mechanism": family.mechanism, "why": f"explains less (log-likelihood lower by {worse:.0f})"})
     for score in tested.scores[:8]:
         why = "gains too little" if score.confirmed else "gains nothing on recordings that it was not fitted to"

@@ -98,7 +98,7 @@ class Fitted:
         """How many numbers are fitted."""
         return sum(each.samples for each in self.blocks)
 
-    @property
+    @cached_property
     def resolved(self) -> float:
         """Log-likelihood that what changes the readings by the least that sensors resolve gains."""
         return 0.5 * RESOLVED**2 * sum(each.power for each in self.blocks)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +46,8 @@ class Score(NamedTuple):
         return self.cross_validated > -UNCONFIRMED * self.gain
 
 
-class Information(NamedTuple):
+@dataclass(frozen=True)
+class Information:
     """The log-likelihood near a fit, by all that is fitted (k) and parameters of more terms, by recordings."""
 
     gradients: Floats
@@ -57,11 +59,16 @@ class Information(NamedTuple):
     known: int
     """k."""
 
+    @cached_property
+    def hessian(self) -> Floats:
+        """(parameters, parameters) of all recordings and the prior."""
+        return regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
+
     def reduced(self) -> tuple[Floats, Floats]:
         """Gradient and Hessian by the parameters of more terms, all that is fitted already at its best."""
         k = self.known
         gradient = self.gradients.sum(axis=0) + self.prior_gradient
-        hessian = regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
+        hessian = self.hessian
         solved = np.linalg.solve(hessian[:k, :k], np.column_stack([gradient[:k], hessian[:k, k:]]))
         return gradient[k:] - hessian[k:, :k] @ solved[:, 0], hessian[k:, k:] - hessian[k:, :k] @ solved[:, 1:]
 
@@ -72,17 +79,15 @@ class Information(NamedTuple):
         The others' gradient is followed by the Hessian of all recordings: of a direction that the one left out alone
         says much of, the others say nothing that could be held against it.
         """
-        total = 0.0
-        with_them = np.concatenate([np.arange(self.known), inside])
-        hessian = regular(self.hessians.sum(axis=0) + np.diag(self.prior_precision))
-        for left_out in range(len(self.gradients)):
-            rest = np.arange(len(self.gradients)) != left_out
-            gradient = self.gradients[rest].sum(axis=0) + self.prior_gradient
-            for at, sign in ((with_them, 1.0), (np.arange(self.known), -1.0)):
-                step = -np.linalg.solve(hessian[np.ix_(at, at)], gradient[at])
-                own = self.gradients[left_out][at], self.hessians[left_out][np.ix_(at, at)]
-                total -= sign * float(own[0] @ step + 0.5 * step @ own[1] @ step)
-        return total
+        others = self.gradients.sum(axis=0) + self.prior_gradient - self.gradients
+
+        def gain(at: NDArray[np.int64]) -> float:
+            steps = -np.linalg.solve(self.hessian[np.ix_(at, at)], others[:, at].T).T
+            own = self.hessians[:, at[:, None], at]
+            return -float(np.sum(self.gradients[:, at] * steps) + 0.5 * np.einsum("ri,rij,rj->", steps, own, steps))
+
+        fitted = np.arange(self.known)
+        return gain(np.concatenate([fitted, inside])) - gain(fitted)
 
 
 def regular(hessian: Floats) -> Floats:
@@ -151,6 +156,8 @@ def at_peaks(fitted: Fitted, tried: Sequence[Family]) -> list[Family]:
     return found
 
 
+AT_ONCE = 25
+"""Terms that are tested by one Hessian: with parameters of each recording, its size grows with both."""
 RARE = 0.05
 """Above this, p-values of the bootstrap are taken for 1."""
 
@@ -201,11 +208,14 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
 
 def most_promising(fitted: Fitted, terms: Sequence[Term]) -> tuple[int, float]:
     """Which of some terms has the largest score test's gain, each on its own, and that gain."""
-    gradient, hessian = information(fitted, terms).reduced()
-    gains, first = [], 0
-    for term in terms:
-        at = slice(first, first + len(term.unknowns))
-        first = at.stop
-        gains.append(0.5 * float(gradient[at] @ np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True) @ gradient[at]))
+    gains = []
+    for begun in range(0, len(terms), AT_ONCE):
+        some, first = terms[begun : begun + AT_ONCE], 0
+        gradient, hessian = information(fitted, some).reduced()
+        for term in some:
+            at = slice(first, first + len(term.unknowns))
+            first = at.stop
+            inverse = np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True)
+            gains.append(0.5 * float(gradient[at] @ inverse @ gradient[at]))
     best = int(np.argmax(gains))
     return best, gains[best]

@@ -275,7 +275,7 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
     step = accept(fitted, best.family, found, best.size, say, steps)
-    step.rivals, step.cost_when_found = [(each.family, other) for each, other in fits[1:]], found.cost
+    step.rivals = [(each.family, other.cost - found.cost) for each, other in fits[1:]]
     return step
 
 

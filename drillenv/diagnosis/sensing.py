@@ -83,8 +83,8 @@ def response(term: Sensor, values: Floats, frequency: Floats, true: int = ACCELE
              rate: float = 102400.0, seconds: float = 0.1) -> np.ndarray:  # fmt: skip
     """(m,) complex: what channel ``read`` has of ``true``, at frequencies (m,) in Hz; ``seconds`` are remembered."""
     middle, pulses = term.pulses(values, rate, seconds)
-    turned = np.exp(-2j * math.pi * np.asarray(frequency) / rate)
-    return np.polynomial.polynomial.polyval(turned, pulses[true, read]) * turned**-middle
+    after = np.arange(pulses.shape[-1]) - middle
+    return np.exp(-2j * math.pi * np.multiply.outer(np.asarray(frequency), after) / rate) @ pulses[true, read]
 
 
 def kind_of_response(term: Sensor, values: Floats, rate: float) -> str:

@@ -133,8 +133,11 @@ def eliminated(part: Quadratic, damping: float) -> tuple[Floats, Floats, Floats,
     """
     if part.by_own.size == 0:
         return part.by_shared, part.shared, np.zeros(0), np.zeros((0, part.by_shared.size))
-    solved = cho_solve(factor(part, damping), np.column_stack([part.by_own, part.cross]), check_finite=False)
-    constant, slope = solved[:, 0], solved[:, 1:]
+    # most parameters of recordings are of others
+    there = np.flatnonzero(part.cross.any(axis=0))
+    solved = cho_solve(factor(part, damping), np.column_stack([part.by_own, part.cross[:, there]]), check_finite=False)
+    constant, slope = solved[:, 0], np.zeros_like(part.cross)
+    slope[:, there] = solved[:, 1:]
     return part.by_shared - part.cross.T @ constant, part.shared - part.cross.T @ slope, constant, slope
 
 

@@ -36,10 +36,8 @@ class Step:
     named: Named
     terms: tuple[Term, ...]
     """Those of its law in the fit."""
-    rivals: list[tuple[Family, Fitted]]
-    """Families that were fitted at the same step."""
-    cost_when_found: float = 0.0
-    """Cost of the family's own fit at that step."""
+    rivals: list[tuple[Family, float]]
+    """Families that were fitted at the same step, and by how much log-likelihood each was worse."""
     pending: bool = False
     """Whether the equations have not been tried yet."""
     steps_when_tried: int = 0
@@ -272,7 +270,7 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
         follows = step.named.equation is not None and fitted.reduced_chi_square < 1.0 + LEFT
         if step.family.constant or step.corrects or follows:
             continue
-        close = [family for family, other in step.rivals if other.cost - step.cost_when_found < LAW_LEFT * step.gain]
+        close = [family for family, worse in step.rivals if worse < LAW_LEFT * step.gain]
         step.rivals = [each for each in step.rivals if each[0] not in close]
         rest, begun = without(fitted, step.terms)
         for family in close:

@@ -260,7 +260,7 @@ class ModelStructure:
     @property
     def sensors_have_memory(self) -> bool:
         """Whether sensors remember for longer than the logger's filter."""
-        return any(term.observes and type(term).kernel is Term.kernel for term in self.terms)
+        return bool(self.signal_chain)
 
     def kernel(self, values: Floats, over: int) -> Floats | None:
         """Of the logger's filter."""

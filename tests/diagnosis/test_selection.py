@@ -169,8 +169,7 @@ def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_we
     monkeypatch.setattr(steps, "refined", lambda other, family: other)
     monkeypatch.setattr(steps, "accept", accepted)
     own: Any = Fake(name="indenter", group="indenter", constant="", mechanism="indenter-friction")
-    there = steps.Step(own, 300.0, size, SAMPLES, fitted, Named("indenter-friction", None), (), [(rival, fitted)])
-    there.cost_when_found = fitted.cost
+    there = steps.Step(own, 300.0, size, SAMPLES, fitted, Named("indenter-friction", None), (), [(rival, 0.0)])
     named = there.named
     found = steps.exchanged(fitted, [there], lambda _: None)
     assert (found is not None) == taken
