@@ -8,7 +8,7 @@ import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -69,6 +69,16 @@ def read_arrays(file: Path, what: str, shapes: Mapping[str, tuple[int, ...]], ma
     if any(arrays[name].shape != shape for name, shape in shapes.items()):
         raise InputError(f"{what} {file} is of another version: make it anew with python -m {maker}")
     return arrays
+
+
+def filled(package: str, template: str, **given: Any) -> str:
+    """A page from a Jinja template that lies in a package; what is given is escaped, and all of it has to be there."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader(package, ".")
+    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    # a name may hold half of a surrogate pair, which no encoding can write
+    return made.get_template(template).render(given).encode("utf-8", "replace").decode("utf-8")
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from drillenv.blind import curves, drawing
 from drillenv.blind.detection import NOISE, UNITS
 from drillenv.blind.marking import HELD_OUT, beside_true_constant, wilson
+from drillenv.files import filled
 
 Floats = NDArray[np.float64]
 Mark = Mapping[str, Any]
@@ -49,18 +50,11 @@ def page(record: Mapping[str, Any], place: Path) -> str:
         place: Folder of the trial. Waveforms and laws come from its ``reports``, ``campaigns`` and ``answers.json``;
             what is missing there is missing on the page.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     marks, summary = record["marks"], record["summary"]
     answers = _by_campaign(_json(place / "answers.json"))
-    surroundings = Environment(
-        loader=PackageLoader("drillenv.blind", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = surroundings.get_template("trial.html").render(
+    return filled(
+        "drillenv.blind",
+        "trial.html",
         style=Markup((files("drillenv.blind") / "trial.css").read_text(encoding="utf-8")),
         record=record,
         rig=record.get("rig", "percussive-drill"),
@@ -81,8 +75,6 @@ def page(record: Mapping[str, Any], place: Path) -> str:
         periods=_three(PERIODS, trim=True),
         rows=[_row(mark) for mark in marks],
     )
-    # a name may hold half of a surrogate pair, which no encoding can write
-    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 # --- Words and numbers

@@ -233,11 +233,6 @@ def _clean(recording: Recording, faults: Sequence[QualityFinding]) -> tuple[dict
     return channels, bad
 
 
-def _sources(channels: dict[str, np.ndarray], wanted: str) -> list[str]:
-    """Channels from which one can be had, by differentiating."""
-    return [name for name, order in ORDERS.items() if name in channels and order <= ORDERS[wanted]]
-
-
 def _noise_below(edge: float, sigma: float, order: int, rate: float) -> float:
     """Standard deviation, below ``edge`` Hz, of white noise differentiated ``order`` times."""
     power = 2 * order + 1
@@ -247,8 +242,9 @@ def _noise_below(edge: float, sigma: float, order: int, rate: float) -> float:
 def _best_source(channels, noise: dict[str, float], rate: float, wanted: str, edge: float) -> tuple[str, float]:
     """The channel that gives another with the least noise, and that noise."""
     found = [
-        (_noise_below(edge, noise[name], ORDERS[wanted] - ORDERS[name], rate), name)
-        for name in _sources(channels, wanted)
+        (_noise_below(edge, noise[name], ORDERS[wanted] - order, rate), name)
+        for name, order in ORDERS.items()
+        if name in channels and order <= ORDERS[wanted]
     ]
     least, name = min(found)
     return name, least

@@ -15,7 +15,7 @@ from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_noise import line
 from drillenv.diagnosis.body_rig import UNITS
-from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, classify, explained, surplus
+from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, cell, classify, explained, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import TIGHT, Fitted
 from drillenv.diagnosis.laws import Curve, Equation
@@ -50,11 +50,6 @@ class BodyOutcome:
     """As ``model.json``: the constants in SI and the effects; without either where nothing is explained."""
     waves: tuple[Wave, ...]
     """Of each recording, filtered: the measured side of the balance before and after, and the motion."""
-
-    @property
-    def verdict(self) -> Verdict:
-        """agrees, parameters, missing-physics or unexplained."""
-        return self.record["verdict"]
 
 
 class Evidence(NamedTuple):
@@ -228,27 +223,13 @@ class BodyReport:
         for block in self.plain.blocks:
             body, values = block.data.body, self.plain.values
             speed, white = body.velocity[block.judged], block.residual(values) ** 2 / block.noise.share
-            left = block.left(values)[block.judged]
             for way, moving in (("forward", speed > 0.0), ("backward", speed <= 0.0)):
                 for pace, quick in (("slow", np.abs(speed) <= fast), ("fast", np.abs(speed) > fast)):
                     there = moving & quick
-                    found.setdefault((body.name, f"{way}, {pace}"), []).append(np.array([white[there], left[there]]))
-        cells = []
-        for (name, regime), parts in found.items():
-            white, left = np.concatenate(parts, axis=1)
-            if white.size:
-                channel = "force" if self.bodies[0].force is not None else "acceleration"
-                cells.append(
-                    {
-                        "recording": name,
-                        "channel": channel,
-                        "regime": regime,
-                        "samples": white.size,
-                        "mean_square": float(white.mean()),
-                        "mean": float(left.mean()),
-                    }
-                )
-        return cells
+                    found.setdefault((body.name, f"{way}, {pace}"), []).append(white[there])
+        channel = "force" if self.bodies[0].force is not None else "acceleration"
+        joined = {at: np.concatenate(parts) for at, parts in found.items()}
+        return [cell(name, channel, regime, white) for (name, regime), white in joined.items() if white.size]
 
     def where(self, verdict: str, cells: list[dict[str, Any]]) -> dict[str, Any]:
         """Balance, regimes and recordings of the mismatch, and a sentence."""
@@ -318,16 +299,16 @@ class BodyReport:
     def finding(self, mechanism: str, steps: Sequence[Step]) -> dict[str, Any]:
         """One entry of the findings."""
         effect, first = REGISTRY[mechanism], steps[0]
-        exact = len(steps) == 1 and first.named.equation is not None
+        equation = first.named.equation if len(steps) == 1 else None
         weighed = [self.evidence[id(step)] for step in steps]
         evidence: dict[str, Any] = {
             "gain": round(sum(step.gain for step in steps), 1),
             "share": round(max(each.share for each in weighed), 4),
             "share_of_left_out": round(max(each.left_out for each in weighed), 4),
-            **cited(effect, exact),
+            **cited(effect, equation is not None),
         }
-        if "sensor" not in effect.balances and exact:
-            evidence["beside_a_free_lag"] = self.beside_lag(first)
+        if "sensor" not in effect.balances and equation is not None:
+            evidence["beside_a_free_lag"] = self.beside_lag(equation)
         alike = sorted({name for step in steps for name in equivalents(step)} - {mechanism})
         if alike:
             advice = [REGISTRY[name].body_told_apart for name in (mechanism, *alike) if name in REGISTRY]
@@ -336,8 +317,8 @@ class BodyReport:
             "mechanism": mechanism,
             "equivalents": alike,
             "explanation": effect.body_sentence or effect.sentence,
-            "form": form_of(first) if exact else "measured",
-            "parameters": self.strengths(first, self.final) if exact else self.nearest(first),
+            "form": form_of(first) if equation is not None else "measured",
+            "parameters": self.nearest(first) if equation is None else self.stated(equation, self.final),
             "evidence": evidence,
         }
         first = next((step for step in steps if any(isinstance(term, Curve) for term in step.terms)), None)
@@ -399,27 +380,18 @@ class BodyReport:
         start = np.concatenate([plain.fit.shared, values / equation.scales])
         return self.refitted(structure, start)
 
-    def strengths(self, step: Step, fitted: Fitted) -> dict[str, Any]:
-        """Parameters of a mechanism's equation with their standard deviations."""
-        assert step.named.equation is not None
-        return self.stated(step.named.equation, fitted)
-
     def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
-        """Parameters of an equation in a fit."""
+        """Parameters of an equation in a fit, with their standard deviations."""
         found = {}
         for symbol, each in parameters_of(fitted, equation).items():
-            std = (
-                math.hypot(each["std"], self.mass_tolerance * each["value"])
-                if each["unit"].startswith("N")
-                else each["std"]
-            )
-            found[symbol] = quantity(each["value"], std, each["unit"])
+            of_mass = self.mass_tolerance * each["value"] if each["unit"].startswith("N") else 0.0
+            found[symbol] = quantity(each["value"], math.hypot(each["std"], of_mass), each["unit"])
         return found
 
-    def beside_lag(self, step: Step) -> dict[str, Any]:
-        """What the strengths would be, were one channel free to lag: a lag and a damper can stand in for each other."""
+    def beside_lag(self, equation: Term) -> dict[str, Any]:
+        """An equation's parameters, were one channel free to lag: a lag and a damper can stand in for each other."""
         loose = self.fit_with_free_lag
-        return {"lag": quantity(*self.lag_of(loose), "s"), **self.strengths(step, loose)}
+        return {"lag": quantity(*self.lag_of(loose), "s"), **self.stated(equation, loose)}
 
     @cached_property
     def fit_with_free_lag(self) -> Fitted:

@@ -373,16 +373,13 @@ class BodyRig(Adapter):
         p = equation.parameters(np.array(equation.form.starts[0]))
         x = np.linspace(-1.0, 1.0, 41)
         stiffness = self.scale.force / self.scale.travel
-        for i, (name, size) in enumerate(zip(("position", "velocity", "applied"), self.at_most(), strict=True)):
+        typical = self.scale.travel, self.scale.speed, self.scale.force
+        for i, (name, size) in enumerate(zip(("position", "velocity", "applied"), typical, strict=True)):
             state = [np.zeros(41), np.zeros(41), np.zeros(41)]
             state[i] = x * size
             if np.ptp(act(*state, stiffness, p)) > 0.0:
                 return name
         return "position"
-
-    def at_most(self) -> tuple[float, float, float]:
-        """The typical travel, speed and applied force."""
-        return self.scale.travel, self.scale.speed, self.scale.force
 
     def near(self, fitted: Fitted, family: Family, equation: Equation) -> Rival:
         """Where an equation comes nearest to the free law, constants being free to take up what they can."""

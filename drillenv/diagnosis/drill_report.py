@@ -14,7 +14,7 @@ from drillenv.diagnosis.constants import NAMES
 from drillenv.diagnosis.drill_diagnosis import Outcome, wrong_constants
 from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.drill_prediction import StateEstimate, estimates_of
-from drillenv.diagnosis.evidence import AGREED, surplus
+from drillenv.diagnosis.evidence import AGREED, cell, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_visited
@@ -188,15 +188,7 @@ def cells_of(outcome: Outcome) -> list[dict[str, Any]]:
         for regime, mask in zip(CELLS, (force <= 0.0, (force > 0.0) & rising, (force > 0.0) & ~rising), strict=True):
             for channel, signal in zip(("force", "acceleration"), left, strict=True):
                 if mask.any():
-                    cells.append(
-                        {
-                            "recording": block.point.name,
-                            "channel": channel,
-                            "regime": regime,
-                            "samples": int(mask.sum()),
-                            "mean_square": float(np.mean(signal[mask] ** 2)),
-                        }
-                    )
+                    cells.append(cell(block.point.name, channel, regime, signal[mask] ** 2))
     return cells
 
 

@@ -85,6 +85,12 @@ def classify(found: bool, outside: bool, off: bool, left: bool, share: Explained
     return "parameters" if off else "agrees"
 
 
+def cell(recording: str, channel: str, regime: str, squares: Floats) -> dict[str, Any]:
+    """A cell of a report's map, from squares (n,) of whitened residuals."""
+    n, mean = squares.size, float(squares.mean())
+    return {"recording": recording, "channel": channel, "regime": regime, "samples": n, "mean_square": mean}
+
+
 def surplus(cells: Sequence[Mapping[str, Any]], *keys: str) -> dict[tuple[str, ...], float]:
     """By how much squares exceed the noise in cells of a report, summed over those that are alike by ``keys``."""
     found: dict[tuple[str, ...], float] = {}

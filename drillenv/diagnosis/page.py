@@ -25,6 +25,7 @@ from drillenv.checks import InputError, shown
 from drillenv.diagnosis.scope import limits_of
 from drillenv.diagnosis.thresholds import SEVERAL
 from drillenv.dynamics.effects import REGISTRY
+from drillenv.files import filled
 
 VALUES = 210_000
 """Of all waveforms together: a page of about 6 MB, of which Plotly takes most."""
@@ -95,7 +96,6 @@ def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
     Raises:
         InputError: the arrays of a recording differ in length, or are empty.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
@@ -104,14 +104,9 @@ def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
     own = {name: (files("drillenv.diagnosis") / name).read_text(encoding="utf-8") for name in ("page.css", "page.js")}
     data = {"waves": _drawn(waves), "laws": [_law(each) for each in record["findings"]]}
     scripts = [get_plotlyjs(), own["page.js"]] if waves or any(data["laws"]) else []
-    surroundings = Environment(
-        loader=PackageLoader("drillenv.diagnosis", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = surroundings.get_template("page.html").render(
+    return filled(
+        "drillenv.diagnosis",
+        "page.html",
         title=title,
         style=Markup(own["page.css"]),
         # the hashes are of the very text between the tags
@@ -120,10 +115,15 @@ def page(title: str, record: Mapping[str, Any], waves: Sequence[Wave]) -> str:
         data=Markup(_inert(data)),
         waves=waves,
         first=_worst(waves),
-        **_said(record, [wave.name for wave in waves if wave.held]),
+        record=record,
+        sentence=sentence(record),
+        facts=list(_facts(record)),
+        chart=_map(record["cells"], [wave.name for wave in waves if wave.held]),
+        fit=_fit(record["fit"]),
+        findings=[_finding(each) for each in record["findings"]],
+        constants=_constants(record),
+        ahead=_ahead(record),
     )
-    # a name may hold half of a surrogate pair, which no encoding can write
-    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _check(wave: Wave) -> None:
@@ -260,27 +260,6 @@ def _worst(waves: Sequence[Wave]) -> int:
 
 
 # the words
-
-
-def _said(record: Mapping[str, Any], held: Sequence[str]) -> dict[str, Any]:
-    """Everything that the template writes, ready to be escaped."""
-    rest = record["rest"]
-    return {
-        "verdict": record["verdict"],
-        "sentence": sentence(record),
-        "summary": record["where"]["summary"],
-        "facts": list(_facts(record)),
-        "chart": _map(record["cells"], held),
-        "fit": _fit(record["fit"]),
-        "findings": [_finding(each) for each in record["findings"]],
-        "constants": _constants(record),
-        "rest": rest["summary"],
-        "shapes": [(each["shape"], f"{100 * each['share']:.2g} %") for each in rest.get("shapes", [])],
-        "rejected": [(each["mechanism"], each["why"]) for each in record["rejected"]],
-        "ahead": _ahead(record),
-        "quality": record["quality"],
-        "remarks": record["remarks"],
-    }
 
 
 def sentence(record: Mapping[str, Any]) -> str:

@@ -59,17 +59,13 @@ class Law(NamedTuple):
     axes: Axes
 
 
-def _nothing() -> Floats:
-    return np.zeros((PLACES, GRID))
-
-
 @dataclass
 class Model:
     """What a motion follows, of one recording."""
 
     s: Floats = field(default_factory=lambda: np.zeros(SCALARS))
     """(SCALARS,) in the engine's order."""
-    free: Floats = field(default_factory=_nothing)
+    free: Floats = field(default_factory=lambda: np.zeros((PLACES, GRID)))
     """(PLACES, GRID) free laws on their axes."""
     laws: list[Law] = field(default_factory=list)
     turn: Floats = field(default_factory=lambda: np.zeros(3))

@@ -261,7 +261,7 @@ def check_named(mechanism, kind, put_in, strength, seed):
     outcome = diagnose_body(campaign_of(made, unstated))
     record = outcome.record
     assert [each["mechanism"] for each in record["findings"]] == [mechanism], record["where"]
-    assert outcome.verdict == "missing-physics"
+    assert outcome.record["verdict"] == "missing-physics"
     assert record["where"]["balance"] == ("sensor" if REGISTRY[mechanism].balances == ("sensor",) else "body")
     (finding,) = record["findings"]
     for symbol, value in truth.items():
@@ -381,7 +381,7 @@ def check_null(seed):
     made = body_of(np.random.default_rng(seed), KINDS[seed % 4])
     if (seed // 4) % 3 == 2 and made.kind != "free":
         made.friction = 0.05 * made.scale["force"]
-    return diagnose_body(campaign_of(made, estimated=(seed // 12) % 4 == 3)).verdict
+    return diagnose_body(campaign_of(made, estimated=(seed // 12) % 4 == 3)).record["verdict"]
 
 
 @pytest.mark.slow
@@ -407,7 +407,7 @@ def test_bodies_with_nothing_missing_agree(seeds, most):
 def test_a_lag_of_one_sample_is_what_sampling_does():
     made = body_of(np.random.default_rng(41), "axis")
     made.late = 1.0 / RATE
-    assert diagnose_body(campaign_of(made)).verdict == "agrees"
+    assert diagnose_body(campaign_of(made)).record["verdict"] == "agrees"
 
 
 @pytest.mark.parametrize(
@@ -458,7 +458,7 @@ def test_what_no_library_has_is_described_and_not_named(kind, put_in, says):
     made = body_of(np.random.default_rng(31), kind)
     put_in(made, 0.08 * made.scale["force"])
     outcome = diagnose_body(campaign_of(made))
-    assert outcome.verdict == "unexplained", outcome.record["findings"]
+    assert outcome.record["verdict"] == "unexplained", outcome.record["findings"]
     assert outcome.record["findings"] == [] and outcome.record["parameters"] == {}
     assert outcome.model["constants"] == {} and outcome.model["effects"] == []
     assert outcome.record["where"]["balance"] == "body"
@@ -656,7 +656,7 @@ def test_what_the_quality_check_takes_out_is_not_used():
     recordings = (campaign.recordings[0], replace(broken, channels=channels), *campaign.recordings[2:])
     campaign = replace(campaign, recordings=recordings)
     outcome = diagnose_body(campaign, [_fault("r02", "force", "exclude recording")])
-    assert outcome.verdict == "agrees"
+    assert outcome.record["verdict"] == "agrees"
     assert outcome.record["fit"]["fitted"]["recordings"] == ["r01", "r03", "r04"]
     assert any("r02 is left out" in each for each in outcome.record["remarks"])
     faults = [_fault(each.name, "position", "exclude channel") for each in campaign.recordings]
