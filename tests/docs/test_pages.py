@@ -54,6 +54,17 @@ def test_counts_of_the_verdicts_page_are_those_of_the_newest_trial():
         assert re.search(rf"\| one mechanism .*{words} \| {right} of {of}; {named} of {of} named \|", page)
     (two, twos, _), (three, threes, _) = counts("two"), counts("three")
     assert f"| two mechanisms; three | {two} of {twos}; {three} of {threes} |" in page
+    for words, groups in (
+        (
+            "a wrong constant beside a mechanism; constants fitted to it beforehand",
+            ("beside-wrong-constant", "absorbed"),
+        ),
+        ("five times the noise; slow sampling", ("noisy", "slow")),
+    ):
+        (one, ones, _), (other, others, _) = map(counts, groups)
+        assert f"| {words} | {one} of {ones}; {other} of {others} |" in page
+    hits, of = record["coverage"]["hits"], record["coverage"]["of"]
+    assert f"those of 95 % held the true value in {hits} of {of} cases" in page
     right, of, _ = counts("outside")
     assert f"| what no mechanism of the library covers | {right} of {of} |" in page
     right, of, named = counts(*record["groups"])
