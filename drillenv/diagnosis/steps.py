@@ -253,7 +253,6 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
         family = replace(step.family, terms=fitted.structure.current(step.family.terms))
         named, other = name_law(fitted, family, step.gain, say)
         if named.equation is not None:
-            other = other.refit(on_axes(other.structure, other.structure.rig.axes_at(other)))
             say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.reduced_chi_square:.4f}")
             steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
             return other
