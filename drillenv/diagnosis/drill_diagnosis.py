@@ -134,8 +134,18 @@ def diagnose_drill(
 ) -> Outcome:
     """Explain a campaign of the drilling rig.
 
-    Arguments and errors are those of :func:`drillenv.diagnose`; of a campaign of the rig percussive-drill, ``within``
-    processor seconds.
+    Args:
+        campaign: Of the rig percussive-drill.
+        note: Told what is being done.
+        jobs: Recordings that are fitted side by side.
+        scope: What is searched; everything where None.
+        interruptible: Whether an interruption, once the paper's model has been fitted, ends the search with what has
+            been found so far, in place of everything.
+        within: Processor seconds after which the search ends in the same way.
+
+    Raises:
+        InputError: it holds too little that can be used, or lacks a constant.
+        KeyboardInterrupt: it was interrupted and not to be ended so, or had found nothing yet.
     """
     say = note or (lambda _text: None)
     last = time.process_time() + within
