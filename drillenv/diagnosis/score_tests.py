@@ -82,7 +82,7 @@ class Information:
         others = self.gradients.sum(axis=0) + self.prior_gradient - self.gradients
 
         def gain(at: NDArray[np.int64]) -> float:
-            steps = -np.linalg.solve(self.hessian[np.ix_(at, at)], others[:, at].T).T
+            steps = -np.linalg.solve(self.hessian[at[:, None], at], others[:, at].T).T
             own = self.hessians[:, at[:, None], at]
             return -float(np.sum(self.gradients[:, at] * steps) + 0.5 * np.einsum("ri,rij,rj->", steps, own, steps))
 
