@@ -6,14 +6,14 @@ Fits, the selection of families and their naming know a rig by this alone. There
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from drillenv.diagnosis.laws import Equivalent
-from drillenv.diagnosis.solver import Floats, Quadratic
+from drillenv.diagnosis.solver import Floats, Quadratic, eliminated
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.fitting import Fitted
@@ -60,6 +60,20 @@ class RecordingProblem:
         return Quadratic(
             0.5 * float(residual @ residual), none, -by @ residual, np.zeros((0, 0)), cross, by @ by.T, none
         )
+
+    def reduced_under(
+        self, shared: Floats, own: Floats, structures: Iterable[ModelStructure]
+    ) -> list[tuple[Floats, Floats]]:
+        """Gradient (n,) and Hessian (n, n) by the parameters under each of some structures, own unknowns at their best.
+
+        The structures have more terms behind the recording's own, at their start.
+        """
+        found = []
+        for structure in structures:
+            start = structure.start[shared.size :]
+            widened, begun = self.under(structure, own)
+            found.append(eliminated(widened.quadratic(np.append(shared, start), begun), 0.0)[:2])
+        return found
 
     def try_step(self, shared: Floats, own: Floats, move: Floats, before: float) -> tuple[float, Floats]:
         """Cost and own unknowns after their step, which the block may shorten; ``before`` is the cost before it."""

@@ -8,14 +8,17 @@ those of the terms (laws, filters) that have been added to the paper's model.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from drillenv.diagnosis import drill_jacobian, drill_states
+from drillenv.diagnosis import drill_extension, drill_jacobian, drill_states
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.condition import Conditioned, thin, thinning
 from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
@@ -41,8 +44,8 @@ from drillenv.dynamics.hybrid.advance import WENT_ON
 from drillenv.dynamics.hybrid.model import fresh_motion
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
 from drillenv.dynamics.hybrid.sensitivity import make_variation
-from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
-from drillenv.dynamics.hybrid.vector_field import BENT1, OWN, V1, V2, Q, Y
+from drillenv.dynamics.hybrid.shooting import UNCHAINED, Shot, Windows, shoot
+from drillenv.dynamics.hybrid.vector_field import BENT1, OWN, V1, V2, Q, W, Y
 
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
@@ -50,6 +53,8 @@ PATH_STEP = 84e-6
 """s from one state of a path to the next at most."""
 TOLERANCE = 1e-7
 """Relative error of a step of the integrator."""
+CHAINED = np.isin(np.arange(OWN), (V2, W), invert=True)
+"""States that go on from window to window in a rollout: impacts magnify what is wrong of the indenter's."""
 GRAZING = 2e-3
 """m/s of a contact's speed below which the jump of the derivatives is held back."""
 
@@ -189,10 +194,10 @@ class ShootingProblem(RecordingProblem):
         return 2 + len(self.lines)
 
     def integrate(self, model: Model, own: Floats, varied: Varied | None = None, path: bool = False,
-                  rollout: bool = False) -> Raw:  # fmt: skip
+                  chained: NDArray[np.bool_] = UNCHAINED) -> Raw:  # fmt: skip
         """Simulate all windows, with derivatives by own states and columns where ``varied`` says by which.
 
-        ``own`` as the solver has it; with ``rollout`` states go on from window to window, but for the indenter's.
+        ``own`` as the solver has it; of the states (OWN,) some may be ``chained``, and go on from window to window.
         """
         data, n, kept = self.data, self.data.force.size * self.over, self.state_count(own)
         given, states = (varied.columns, varied.present.size) if varied is not None else ((), 0)
@@ -218,7 +223,7 @@ class ShootingProblem(RecordingProblem):
             begin_by[:, :states, :kept] = varied.by_own[:, :, varied.present].transpose(0, 2, 1)
             begin_by[:, states:, :kept] = varied.by_column
         windows = Windows(self.starts, begin, begin_by, self.point.rate, data.phase + made.phase,
-                          impacts, rollout, self.stride, GRAZING)  # fmt: skip
+                          impacts, chained, self.stride, GRAZING)  # fmt: skip
         status, _impacts = shoot(made.model, fresh_motion(made.model).d, TOLERANCE, windows, columns, shot,
                                  make_variation(made.model, count), make_scratch(made.model))  # fmt: skip
         return raw_of(shot, begin, states, status == WENT_ON)
@@ -247,8 +252,10 @@ class ShootingProblem(RecordingProblem):
         self, structure: ModelStructure, own: Floats, slack: float | None = None, noise: Any = None
     ) -> tuple[ShootingProblem, Floats]:
         """The same under another model structure, slack and noise, and its own unknowns in their layout."""
-        slack, noise = self.slack if slack is None else slack, self.noise if noise is None else noise
-        other = replace(self, structure=structure, slack=slack, noise=noise)
+        # lines and drifts of the noise, as long as the recording, are as they were where the noise is
+        other = copy(self) if noise is None else replace(self, noise=noise)
+        other.structure, other.scales = structure, structure.scales
+        other.slack = self.slack if slack is None else slack
         return other, resized(own, self.windows, states_under(structure), self.state_count(own), len(other.lines))
 
     def state_count(self, own: Floats) -> int:
@@ -339,6 +346,12 @@ class ShootingProblem(RecordingProblem):
         """Negative log-likelihood with its derivatives; ``fixed`` leaves out those by the shared parameters."""
         return drill_jacobian.quadratic(self, shared, own, fixed)
 
+    def reduced_under(
+        self, shared: Floats, own: Floats, structures: Iterable[ModelStructure]
+    ) -> list[tuple[Floats, Floats]]:
+        """See :func:`drillenv.diagnosis.drill_extension.reduced_under`."""
+        return drill_extension.reduced_under(self, shared, own, structures)
+
     def owned(self, states: Floats, model: Model, kept: int) -> Floats:
         """(windows, kept) own unknowns of states (windows, OWN); the model has the recording's pressure."""
         found = states.copy()
@@ -350,7 +363,7 @@ class ShootingProblem(RecordingProblem):
         """Own unknowns with which all states go on from window to window, but for the indenter's."""
         values, kept = shared * self.scales, self.state_count(own)
         model = self.structure.model(values, self.point)
-        begin = self.integrate(model, own, rollout=True).begin
+        begin = self.integrate(model, own, chained=CHAINED).begin
         return np.append(self.owned(begin, self.labelled(own, model), kept).ravel(), own[self.windows * kept :])
 
     def residual(self, values: Floats, signals: Floats, own: Floats) -> Floats:

@@ -7,7 +7,7 @@ these is a matrix, the mixing. Sensors, which are linear, act on columns as they
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,28 +27,58 @@ if TYPE_CHECKING:
     from drillenv.diagnosis.drill import ShootingProblem
 
 
+class Linearised(NamedTuple):
+    """A recording about a point: what the solver needs of it, and what derivatives by more have products with."""
+
+    part: Quadratic
+    signals: Floats
+    """(2, fine samples) of the simulation."""
+    wide: Floats
+    """(rows, 2, judged) by what the weighed reading changes with own unknowns other than states and with parameters,
+    those that it does change with, and behind them the residual."""
+    there: NDArray[np.int64]
+    """(rows,) which of all own unknowns other than states, and of all parameters behind them, those are."""
+    by_windows: Floats
+    """(windows, states, 2, longest span) by what it changes with each window's states."""
+    present: NDArray[np.int64]
+    """(states,) which those are."""
+    defects: Floats
+    """(gaps,) residuals of the continuity constraints."""
+    defects_by_own: Floats
+    """(gaps, own unknowns)"""
+    defects_by_shared: Floats
+    """(gaps, parameters)"""
+
+
 def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool = False) -> Quadratic:
     """Negative log-likelihood with its derivatives; ``fixed`` leaves out those by the shared parameters."""
+    return linearised(block, shared, own, fixed).part
+
+
+def linearised(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool = False) -> Linearised:
+    """The same with what it is made of."""
     values, kept = shared * block.scales, block.state_count(own)
-    model, columns, mixing = elementary(block, values, fixed)
+    model = block.structure.model(values, block.point)
+    first = len(block.structure.terms) if fixed else 0
+    columns, mixing = with_columns_of_labels(*elementary(block, values, model, first), model)
     varied = variations(block, own, model, columns)
     raw = block.integrate(model, own, varied)
     residual, defects = block.residual(values, raw.signals, own), block.defects(raw, kept)
-    seen = block.structure.observe(values, raw.by_column, block.point)
-    seen = block.mask_and_whiten(block.sampled(values, seen)[:, :, block.judged])
+    seen = columns_read(block, values, raw)
     # most parameters of recordings are of others, and change nothing here
-    changing, by_shared = columns_by_parameters(block, values, raw, seen, mixing)
+    changing, by_shared = columns_by_parameters(block, values, raw.signals, seen, mixing, first)
     local_mixing, count = mixing_of_labels(columns, model), block.locals
     wide = np.concatenate([columns_by_locals(block, seen, local_mixing), by_shared, residual[None]])
     width = count + mixing.shape[1] + 1
     there = np.concatenate([np.arange(count), count + changing, [width - 1]])
-    by_state, by_state_there = window_products(block, values, raw, wide)
+    by_windows = window_columns(block, values, raw)
     flat = wide.reshape(len(wide), -1)
     m = block.windows * kept
     own_own, own_wide, products = np.zeros((m, m)), np.zeros((m, width)), np.zeros((width, width))
-    present = (kept * np.arange(block.windows)[:, None] + varied.present).ravel()
-    own_own[present[:, None], present] = by_state
-    own_wide[present[:, None], there], products[there[:, None], there] = by_state_there, flat @ flat.T
+    present = indices_of_states(block, varied.present, kept)
+    own_own[present[:, None], present] = products_of_windows(block, by_windows)
+    own_wide[present[:, None], there] = products_with_windows(block, by_windows, wide)
+    products[there[:, None], there] = flat @ flat.T
     e_own, e_shared = defect_columns(block, raw, own.size, varied, mixing, local_mixing)
     g = defects.ravel()
     off, precision = block.beliefs(own)
@@ -66,7 +96,7 @@ def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool =
     cross[m:] += products[:count, count:-1]
     by_own = e_own.T @ g - np.append(own_wide[:, -1], products[:count, -1])
     by_own += precision * off + air * unsettled
-    return Quadratic(
+    part = Quadratic(
         0.5 * float(products[-1, -1] + g @ g + precision @ off**2 + unsettled**2),
         by_own,
         e_shared.T @ g - products[count:-1, -1],
@@ -75,6 +105,26 @@ def quadratic(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool =
         products[count:-1, count:-1] + e_shared.T @ e_shared,
         scale,
     )
+    return Linearised(part, raw.signals, wide, there, by_windows, varied.present, g, e_own, e_shared)
+
+
+def indices_of_states(block: ShootingProblem, states: NDArray[np.int64], kept: int) -> NDArray[np.int64]:
+    """Where some states of all windows are among own unknowns with so many states a window."""
+    return (kept * np.arange(block.windows)[:, None] + states).ravel()
+
+
+def columns_read(block: ShootingProblem, values: Floats, raw: Raw) -> Floats:
+    """(columns, 2, judged) by what the weighed reading changes with columns of the integrator."""
+    seen = block.structure.observe(values, raw.by_column, block.point)
+    return block.mask_and_whiten(block.sampled(values, seen)[:, :, block.judged])
+
+
+def with_columns_of_labels(columns: list[Column], mixing: Floats, model: Model) -> tuple[list[Column], Floats]:
+    """Columns and mixing with those columns beside that derivatives by what is doubtful about labels are made of."""
+    more = [] if any(each.kind == F_B for each in columns) else [Column(F_B)]
+    if model.impacts > 0.0 and model.bends(COMPACTION):
+        more.append(Column(int(COUNTED)))
+    return columns + more, np.concatenate([mixing, np.zeros((len(more), mixing.shape[1]))])
 
 
 def mixing_of_labels(columns: Sequence[Column], model: Model) -> Floats:
@@ -113,40 +163,47 @@ def defect_columns(block: ShootingProblem, raw: Raw, own: int, varied: Varied, m
     first = block.windows * kept
     turned = change.transpose(0, 2, 1)
     by_own[:, :, first : first + 2] = turned @ local_mixing
-    by_shared = turned @ mixing * block.scales[: mixing.shape[1]]
+    by_shared = turned @ mixing
     return ((by_own / over[:, None]).reshape(-1, own), (by_shared / over[:, None]).reshape(pairs * kept, -1))
 
 
-def window_products(block: ShootingProblem, values: Floats, raw: Raw, wide: Floats) -> tuple[Floats, Floats]:
-    """(states, states) and (states, wide) inner products of the columns of windows' states, those of the model alone.
+def products_of_windows(block: ShootingProblem, by_windows: Floats) -> Floats:
+    """(states, states) inner products of the columns of windows' states.
 
-    ``wide`` (m, 2, judged) are columns over the whole recording. A window's own columns reach beyond its end as far
-    as the sensors and the noise model remember, at most over the next window.
+    A window's own columns reach beyond its end as far as the sensors and the noise model remember, at most over the
+    next window.
     """
-    w, kept, first = block.windows, len(raw.by_state), block.judged.start
-    own_own = np.zeros((w * kept, w * kept))
-    own_wide = np.zeros((w * kept, len(wide)))
+    w, kept = by_windows.shape[:2]
     low, high = spans(block)
-    parts = window_columns(block, values, raw, low, high)
-    flat = parts.reshape(w, kept, -1)
+    products = np.zeros((w * kept, w * kept))
+    flat = by_windows.reshape(w, kept, -1)
     within = flat @ flat.transpose(0, 2, 1)
     for i in range(w):
-        rows = slice(i * kept, (i + 1) * kept)
-        own_own[rows, rows] = within[i]
-        # the first window's columns are zero before the first sample that is judged
-        begin, cut = max(low[i], first), max(first - low[i], 0)
-        if high[i] <= begin:
-            continue
-        seen = parts[i, :, :, cut : high[i] - low[i]]
-        there = wide[:, :, begin - first : high[i] - first].reshape(len(wide), -1)
-        own_wide[rows] = seen.reshape(kept, -1) @ there.T
-        overlap = high[i - 1] - begin if i > 0 else 0
+        rows, begin = slice(i * kept, (i + 1) * kept), max(low[i], block.judged.start)
+        products[rows, rows] = within[i]
+        overlap = high[i - 1] - begin if i > 0 and high[i] > begin else 0
         if overlap > 0:
-            before = parts[i - 1, :, :, begin - low[i - 1] : high[i - 1] - low[i - 1]].reshape(kept, -1)
-            mixed_ = seen[:, :, :overlap].reshape(kept, -1) @ before.T
-            own_own[rows, (i - 1) * kept : i * kept] = mixed_
-            own_own[(i - 1) * kept : i * kept, rows] = mixed_.T
-    return own_own, own_wide
+            seen = by_windows[i, :, :, begin - low[i] :][:, :, :overlap].reshape(kept, -1)
+            before = by_windows[i - 1, :, :, begin - low[i - 1] : high[i - 1] - low[i - 1]].reshape(kept, -1)
+            beside = slice((i - 1) * kept, i * kept)
+            products[rows, beside] = seen @ before.T
+            products[beside, rows] = products[rows, beside].T
+    return products
+
+
+def products_with_windows(block: ShootingProblem, by_windows: Floats, wide: Floats) -> Floats:
+    """(states, rows) inner products of the columns of windows' states with rows (rows, 2, judged)."""
+    w, kept, first = *by_windows.shape[:2], block.judged.start
+    low, high = spans(block)
+    products = np.zeros((w * kept, len(wide)))
+    for i in range(w):
+        # the first window's columns are zero before the first sample that is judged
+        begin = max(low[i], first)
+        if high[i] > begin:
+            seen = by_windows[i, :, :, begin - low[i] : high[i] - low[i]].reshape(kept, -1)
+            there = wide[:, :, begin - first : high[i] - first].reshape(len(wide), seen.shape[1])
+            products[i * kept : (i + 1) * kept] = seen @ there.T
+    return products
 
 
 def spans(block: ShootingProblem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -157,9 +214,9 @@ def spans(block: ShootingProblem) -> tuple[NDArray[np.int64], NDArray[np.int64]]
     return low, high
 
 
-def window_columns(block: ShootingProblem, values: Floats, raw: Raw, low: NDArray, high: NDArray) -> Floats:
+def window_columns(block: ShootingProblem, values: Floats, raw: Raw) -> Floats:
     """(windows, states, 2, longest span) by what the weighed reading changes with each window's states."""
-    over = block.over
+    over, (low, high) = block.over, spans(block)
     longest = int((high - low).max())
     parts = np.zeros((block.windows, len(raw.by_state), 2, longest * over))
     for i, (begin, end) in enumerate(zip(block.starts[:-1], block.starts[1:], strict=True)):
@@ -182,54 +239,55 @@ def tail(block: ShootingProblem) -> int:
     return 10**9 if block.coloured or block.structure.sensors_have_memory else REACH
 
 
-def elementary(block: ShootingProblem, values: Floats, fixed: bool) -> tuple[Model, list[Column], Floats]:
-    """The model, by what the motion is differentiated, and (columns, parameters) what that makes of each."""
-    model = block.structure.model(values, block.point)
-    found: list[SensitivityColumn] = [(Column(F_B), {})] if fixed else differentiated(block, values, model)
-    if not fixed:
-        first = 0
-        for term, own in zip(block.structure.terms, block.structure.split(values), strict=True):
-            for column, by in term.wave_columns(own, block.point):
-                found.append((column, {first + place: size for place, size in by.items()}))
-            first += own.size
-    if model.impacts > 0.0 and model.bends(COMPACTION):
-        found.append((Column(int(COUNTED)), {}))
-    mixing = np.zeros((len(found), 0 if fixed else len(block.structure.unknowns)))
+def elementary(block: ShootingProblem, values: Floats, model: Model, first: int) -> tuple[list[Column], Floats]:
+    """By what the motion is differentiated, and (columns, parameters) what that makes of each, in the solver's units.
+
+    By the parameters of terms from the first one on.
+    """
+    found = differentiated(block, values, model, first)
+    terms, parts = block.structure.terms, block.structure.parts
+    for term, part in zip(terms[first:], parts[first:], strict=True):
+        for column, by in term.wave_columns(values[part], block.point):
+            found.append((column, {part.start + place: size for place, size in by.items()}))
+    mixing = np.zeros((len(found), values.size))
     for row, (_column, by) in zip(mixing, found, strict=True):
         row[list(by)] = list(by.values())
-    return model, [column for column, _ in found], mixing
+    known = parts[first].start if first < len(parts) else values.size
+    return [column for column, _ in found], (mixing * block.scales)[:, known:]
 
 
-def differentiated(block: ShootingProblem, values: Floats, model: Model) -> list[SensitivityColumn]:
-    """Columns of scalars and laws, and how the parameters' derivatives are made of them."""
-    unknowns, split = block.structure.unknowns, block.structure.split(values)
-    by_scalar, laws = np.zeros((SCALARS, len(unknowns))), []
-    first = 0
-    for term, own in zip(block.structure.terms, split, strict=True):
+def differentiated(block: ShootingProblem, values: Floats, model: Model, first: int) -> list[SensitivityColumn]:
+    """Columns of scalars and laws, and how the derivatives by parameters of terms from the first are made of them."""
+    by_scalar, laws = np.zeros((SCALARS, values.size)), []
+    for term, part in list(zip(block.structure.terms, block.structure.parts, strict=True))[first:]:
         if isinstance(term, Curve):
-            for j, change in enumerate(term.basis):
-                laws.append((Column(int(LAW), place=term.place, change=change), {first + j: 1.0}))
-        for j, ahead in enumerate(steps_ahead(term, own) if term.moves and not isinstance(term, Curve) else ()):
-            step = step_of(term, j)
-            others = [ahead if each is own else each for each in split]
-            other = block.structure.model(np.concatenate(others), block.point)
-            by_scalar[:, first + j] = (other.s - model.s) / step
-            laws += law_columns(model, other, first + j, step)
-        first += own.size
-    scalars = [i for i in range(SCALARS) if np.any(by_scalar[i]) or i == F_B]
+            for j, change in enumerate(term.basis, part.start):
+                laws.append((Column(int(LAW), place=term.place, change=change), {j: 1.0}))
+            continue
+        for j in range(part.start, part.stop) if term.moves else ():
+            step = step_of(term, j - part.start)
+            ahead = values.copy()
+            ahead[j] += step
+            other = block.structure.model(ahead, block.point)
+            by_scalar[:, j] = (other.s - model.s) / step
+            laws += law_columns(model, other, j, step)
     found = []
-    for i in scalars:
+    for i in np.flatnonzero(by_scalar.any(axis=1)).tolist():
         by = {int(j): float(by_scalar[i, j]) for j in np.flatnonzero(by_scalar[i])}
         found.append((Column(int(PHASE) if i == DRIVE_PHASE else i), by))
     return found + laws
 
 
 def columns_by_parameters(
-    block: ShootingProblem, values: Floats, raw: Raw, seen: Floats, mixing: Floats
+    block: ShootingProblem, values: Floats, said: Floats, seen: Floats, mixing: Floats, first: int
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Parameters that the weighed reading changes with, and by what, (m, 2, judged), in units of their scales."""
+    """Parameters of terms from the first that the weighed reading changes with, and by what, (m, 2, judged).
+
+    In the solver's units; ``said`` (2, fine samples) is the simulation, ``seen`` (columns, 2, judged) what the weighed
+    reading changes with columns of it, of which those by parameters are made.
+    """
     by_motion = np.flatnonzero(mixing.any(axis=0))
-    at, rows = reading_jacobian(block, values, raw.signals) if mixing.size else ([], [])
+    at, rows = reading_jacobian(block, values, said, first)
     changing = np.union1d(by_motion, np.array(at, dtype=np.int64))
     moved = np.zeros((changing.size, *seen.shape[1:]))
     moved[np.searchsorted(changing, by_motion)] = np.tensordot(mixing.T[by_motion], seen, 1)
@@ -237,32 +295,37 @@ def columns_by_parameters(
         weighed = block.mask_and_whiten(np.array(rows)[:, :, block.judged])
         for i, row in zip(np.searchsorted(changing, at), weighed, strict=True):
             moved[i] += row
-    return changing, moved * block.scales[changing, None, None]
+    return changing, moved
 
 
-def reading_jacobian(block: ShootingProblem, values: Floats, said: Floats) -> tuple[list[int], list[Floats]]:
-    """Parameters of sensors and logger, and by what (2, n) the reading changes with each."""
-    terms, split = block.structure.terms, block.structure.split(values)
-    firsts = np.cumsum([0, *(own.size for own in split)])
+def reading_jacobian(
+    block: ShootingProblem, values: Floats, said: Floats, first: int
+) -> tuple[list[int], list[Floats]]:
+    """Parameters of sensors and logger, and by what (2, n) the reading changes with each; as above."""
+    terms, parts = block.structure.terms, block.structure.parts
+    at: list[int] = []
+    rows: list[Floats] = []
+    if first == len(terms):
+        return at, rows
     slow, n, begun = block.point._replace(rate=block.data.rate), block.data.force.size, int(block.data.starts[0])
-    at, rows = [], []
 
     def note(i: int, j: int, change: Floats) -> None:
         # what is of another recording changes nothing here
         if change.any():
-            at.append(int(firsts[i]) + j)
-            rows.append(change / step_of(terms[i], j))
+            at.append(parts[i].start - parts[first].start + j)
+            rows.append(change / STEP)
 
     chain, signals = block.structure.signal_chain, said
     for place, i in enumerate(chain):
-        passed = terms[i].observe(split[i], signals, block.point)
-        for j, ahead in enumerate(steps_ahead(terms[i], split[i])):
+        passed = terms[i].observe(values[parts[i]], signals, block.point)
+        for j, ahead in enumerate(steps_ahead(terms[i], values[parts[i]]) if i >= first else ()):
             more = terms[i].observe(ahead, signals, block.point) - passed
             for k in chain[place + 1 :]:
-                more = terms[k].observe(split[k], more, block.point)
+                more = terms[k].observe(values[parts[k]], more, block.point)
             note(i, j, block.sampled(values, more))
         signals = passed
-    for i, (term, own) in enumerate(zip(terms, split, strict=True)):
+    for i, term in enumerate(terms[first:], first):
+        own = values[parts[i]]
         added = term.add(own, slow, n, begun)
         if added is not None:
             for j, ahead in enumerate(steps_ahead(term, own)):
@@ -271,9 +334,9 @@ def reading_jacobian(block: ShootingProblem, values: Floats, said: Floats) -> tu
                     note(i, j, more - added)
         if type(term).kernel is not Term.kernel:
             kernels = [term.kernel(each, block.fine) for each in (own, *steps_ahead(term, own))]
-            first, *others = (block.decimated(signals, each) for each in kernels)
+            before, *others = (block.decimated(signals, each) for each in kernels)
             for j, other in enumerate(others):
-                note(i, j, other - first)
+                note(i, j, other - before)
     return at, rows
 
 
@@ -309,9 +372,13 @@ def variations(block: ShootingProblem, own: Floats, model: Model, given: Sequenc
     return Varied(given, by_own, by_column, present)
 
 
+STEP = 1e-4
+"""In the solver's units, by which a parameter is moved for a difference."""
+
+
 def step_of(term: Term, parameter: int) -> float:
-    """By which a parameter is moved for a difference."""
-    return 1e-4 * term.unknowns[parameter].scale
+    """The same in the parameter's unit."""
+    return STEP * term.unknowns[parameter].scale
 
 
 def steps_ahead(term: Term, own: Floats) -> list[Floats]:

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import Family
-from drillenv.diagnosis.solver import Floats, eliminated
+from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.thresholds import FALSE_ALARMS, UNCONFIRMED
 
@@ -105,53 +105,60 @@ class ScoreTests(NamedTuple):
     """The p-value that the smallest must not exceed."""
 
 
-def information(fitted: Fitted, terms: Sequence[Term], constants: Sequence[int] = ()) -> Information:
-    """By the parameters of more terms, at their start, all recordings' own unknowns eliminated.
+class Batch(NamedTuple):
+    """Terms that are tested with one Hessian."""
 
-    Behind these come constants of the paper's model once more, of which then nothing is believed.
-    """
-    structure = replace(fitted.structure, terms=fitted.structure.terms + tuple(terms))
-    known = fitted.fit.shared.size
-    unknowns = structure.unknowns
-    shared = np.concatenate([fitted.fit.shared, [each.value / each.scale for each in unknowns[known:]]])
+    terms: Sequence[Term]
+    constants: Sequence[int] = ()
+    """Which of the paper's constants are tested behind them: the same once more, of which then nothing is believed."""
 
-    def quadratic(block: RecordingProblem, own: Floats):
-        widened, begun = block.under(structure, own)
-        return eliminated(widened.quadratic(shared, begun), 0.0)[:2]
 
-    reduced = fitted.each(quadratic)
+def information(fitted: Fitted, batches: Sequence[Batch]) -> list[Information]:
+    """By the parameters of each batch's terms, at their start, all recordings' own unknowns eliminated."""
+    structure, known = fitted.structure, fitted.fit.shared.size
+    structures = [replace(structure, terms=structure.terms + tuple(batch.terms)) for batch in batches]
+
+    def reduced(block: RecordingProblem, own: Floats) -> list[tuple[Floats, Floats]]:
+        return block.reduced_under(fitted.fit.shared, own, structures)
+
+    found = []
     weights = fitted.priors.weights
-    more = fitted.priors.dispersion * np.array([(each.scale / each.std) ** 2 for each in unknowns[known:]])
-    more = np.append(more, np.zeros(len(constants)))
-    each_once = np.append(np.arange(len(unknowns)), np.asarray(constants, dtype=int))
-    return Information(
-        np.array([each[0][each_once] for each in reduced]),
-        np.array([each[1][np.ix_(each_once, each_once)] for each in reduced]),  # pyright: ignore[reportCallIssue]
-        np.append(weights * (fitted.fit.shared - fitted.priors.centre), np.zeros(more.size)),
-        np.append(weights, more),
-        known,
-    )
+    off = weights * (fitted.fit.shared - fitted.priors.centre)
+    for batch, widened, of_each in zip(batches, structures, zip(*fitted.each(reduced), strict=True), strict=True):
+        more = fitted.priors.dispersion * np.array([(each.scale / each.std) ** 2 for each in widened.unknowns[known:]])
+        more = np.append(more, np.zeros(len(batch.constants)))
+        at = np.append(np.arange(len(widened.unknowns)), np.asarray(batch.constants, dtype=int))
+        found.append(
+            Information(
+                np.array([gradient[at] for gradient, _ in of_each]),
+                np.array([hessian[at[:, None], at] for _, hessian in of_each]),
+                np.append(off, np.zeros(more.size)),
+                np.append(weights, more),
+                known,
+            )
+        )
+    return found
 
 
 PEAKS = 2
 """Frequencies at most, or time constants, at which a family with states is tested."""
 
 
-def at_peaks(fitted: Fitted, tried: Sequence[Family]) -> list[Family]:
+def at_peaks(tried: Sequence[Family], known: Sequence[Information]) -> list[tuple[Family, Information]]:
     """Families with states, of those of one mechanism at another frequency or time constant the ones that gain most.
 
     Of no strength, such a family does not depend on its frequency: what is tested is the largest of its gains over all
     frequencies (R. B. Davies, Biometrika 74 (1987) 33-43). Where one is the largest around, a fit may begin.
     """
     found = []
-    for group in dict.fromkeys(each.group for each in tried if each.has_states):
-        alike = [each for each in tried if each.has_states and each.group == group]
+    for group in dict.fromkeys(each.group for each in tried):
+        alike = [(each, own) for each, own in zip(tried, known, strict=True) if each.group == group]
         if len(alike) > PEAKS:
-            gains = np.array([most_promising(fitted, each.terms)[1] for each in alike])
+            gains = np.array([gains_of(own, each.terms)[0] for each, own in alike])
             around = np.pad(gains, 1, constant_values=-np.inf)
             tops = np.flatnonzero((gains >= around[:-2]) & (gains >= around[2:]))
             best = tops[np.argsort(-gains[tops])[:PEAKS]]
-            alike = [replace(alike[i], look_elsewhere=len(alike)) for i in best]
+            alike = [(replace(alike[i][0], look_elsewhere=len(alike)), alike[i][1]) for i in best]
         found += alike
     return found
 
@@ -170,12 +177,14 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
     """
     names = [each.name for each in fitted.structure.terms[0].unknowns]
     together = sorted((each for each in tried if not each.has_states), key=lambda each: bool(each.constant))
-    batches = ([together] if together else []) + [[each] for each in at_peaks(fitted, tried)]
+    alone = [each for each in tried if each.has_states]
+    constants = [names.index(each.constant) for each in together if each.constant]
+    batches = [Batch([term for each in together for term in each.terms], constants)]
+    all_known, *each_known = information(fitted, batches + [Batch(each.terms) for each in alone])
+    tested = [([each], known) for each, known in at_peaks(alone, each_known)]
     scores, smallest = [], np.ones(20000)
     rng = np.random.default_rng(0)
-    for batch in batches:
-        terms = [term for each in batch for term in each.terms]
-        known = information(fitted, terms, [names.index(each.constant) for each in batch if each.constant])
+    for batch, known in ([(together, all_known)] if together else []) + tested:
         gradient, hessian = known.reduced()
         scale = batch[0].unknowns[0].scale if batch[0].has_states else 0.0
         strength = -scale * float(gradient[0] / max(hessian[0, 0], 1e-300))
@@ -208,14 +217,20 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
 
 def most_promising(fitted: Fitted, terms: Sequence[Term]) -> tuple[int, float]:
     """Which of some terms has the largest score test's gain, each on its own, and that gain."""
-    gains = []
-    for begun in range(0, len(terms), AT_ONCE):
-        some, first = terms[begun : begun + AT_ONCE], 0
-        gradient, hessian = information(fitted, some).reduced()
-        for term in some:
-            at = slice(first, first + len(term.unknowns))
-            first = at.stop
-            inverse = np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True)
-            gains.append(0.5 * float(gradient[at] @ inverse @ gradient[at]))
+    batches = [Batch(terms[begun : begun + AT_ONCE]) for begun in range(0, len(terms), AT_ONCE)]
+    known = information(fitted, batches)
+    gains = [gain for batch, own in zip(batches, known, strict=True) for gain in gains_of(own, batch.terms)]
     best = int(np.argmax(gains))
     return best, gains[best]
+
+
+def gains_of(known: Information, terms: Sequence[Term]) -> list[float]:
+    """The score test's gain of each of the terms, on its own."""
+    gradient, hessian = known.reduced()
+    gains, first = [], 0
+    for term in terms:
+        at = slice(first, first + len(term.unknowns))
+        first = at.stop
+        inverse = np.linalg.pinv(hessian[at, at], 1e-7, hermitian=True)
+        gains.append(0.5 * float(gradient[at] @ inverse @ gradient[at]))
+    return gains

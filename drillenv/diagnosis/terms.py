@@ -225,6 +225,11 @@ class ModelStructure:
         return np.array([each.scale for each in self.unknowns])
 
     @cached_property
+    def start(self) -> Floats:
+        """Where the parameters begin, in the solver's units: the centres of their priors."""
+        return np.array([each.value for each in self.unknowns]) / self.scales
+
+    @cached_property
     def parts(self) -> list[slice]:
         """Where the parameters of each term are among all."""
         ends = list(accumulate((len(term.unknowns) for term in self.terms), initial=0))

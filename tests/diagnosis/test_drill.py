@@ -8,11 +8,15 @@ import pytest
 
 from drillenv import Rig
 from drillenv.diagnosis import drill
+from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized
 from drillenv.diagnosis.fitting import RELAXED, TIGHT
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
+from drillenv.diagnosis.sensing import sensor_families
+from drillenv.diagnosis.sinusoids import KINDS
+from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.dynamics.constitutive.places import SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_A, F_B, OWN, K, Y
@@ -146,3 +150,44 @@ def test_what_comes_beside_the_masses_goes_on_where_windows_are_free(plain):
     tight, loose = (replace(block, slack=slack).continuity(OWN) for slack in (TIGHT, RELAXED))
     assert np.all(tight[MASSES:] == loose[MASSES:])
     assert loose[Y] == RELAXED * tight[Y]
+
+
+def extended(block, families_):
+    """The structures that have the terms of a family more, each."""
+    return [replace(block.structure, terms=(*block.structure.terms, *each.terms)) for each in families_]
+
+
+def deviations(block, shared, own, structure):
+    """By how much gradient and Hessian by more terms differ from those with all derivatives taken at once.
+
+    In units of the square roots of what the Hessian has of each parameter.
+    """
+    (gradient, hessian), (whole_gradient, whole) = (
+        kind.reduced_under(block, shared, own, [structure])[0] for kind in (drill.ShootingProblem, RecordingProblem)
+    )
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-12 * np.max(np.diag(whole))))
+    return np.abs((gradient - whole_gradient) / size).max(), np.abs((hessian - whole) / np.outer(size, size)).max()
+
+
+def test_derivatives_by_more_terms_are_those_of_all_at_once(plain):
+    """Laws, gains, waves and sensors, beside a law of the coupling that is there already."""
+    block, shared, own = with_law(plain, "spring")
+    moving = [each for each in families(block.structure.axes, FREQUENCIES) if not each.has_states]
+    waves = [at_frequency(kind, 23.0, [block.name], np.array([23.0, 31.0])) for kind in KINDS]
+    every = [
+        each for each in (*moving, *waves, *sensor_families([block.name], block.data.rate)) if each.group != "spring"
+    ]
+    assert len(every) > 20
+    for each, structure in zip(every, extended(block, every), strict=True):
+        of_gradient, of_hessian = deviations(block, shared, own, structure)
+        assert of_gradient < 1e-4, each.name
+        assert of_hessian < 1e-6, each.name
+
+
+def test_states_that_come_with_a_term_go_on(plain):
+    """From window to window exactly, where continuity constraints let them go on almost exactly."""
+    block, shared, own = with_law(plain, "spring")
+    every = [each for each in families(block.structure.axes, FREQUENCIES) if each.has_states]
+    assert len(every) > 20
+    for each, structure in zip(every, extended(block, every), strict=True):
+        assert deviations(block, shared, own, structure)[1] < 0.15, each.name

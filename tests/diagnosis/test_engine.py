@@ -35,7 +35,7 @@ from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.dynamics.hybrid.model import fresh_motion
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
 from drillenv.dynamics.hybrid.sensitivity import LAW, make_variation
-from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
+from drillenv.dynamics.hybrid.shooting import UNCHAINED, Shot, Windows, shoot
 from tests.diagnosis.truth import rig_of, rock_of
 
 LAWS = {
@@ -80,7 +80,7 @@ class Bench:
         data = self.data
         made = assembled(model, self.axes, data.omega, [each.place for each in columns if each.place >= 0])
         varied = np.zeros((len(self.begin), len(columns), V.OWN))
-        windows = Windows(data.starts, self.begin.copy(), varied, data.rate, data.phase, 0.0, False, 1, 0.0)
+        windows = Windows(data.starts, self.begin.copy(), varied, data.rate, data.phase, 0.0, UNCHAINED, 1, 0.0)
         return shot(made, windows, columns_of(columns, model, self.axes, made, 0), rtol)
 
 
@@ -131,7 +131,7 @@ def test_the_motion_is_that_of_the_concealed_rig(bench):
     s[V.F_B] = 196.35 * controls.pressure
     s[V.KL], s[V.KU] = true.loading_stiffness, true.unloading_stiffness
     made = assembled(model, bench.axes, 2.0 * math.pi * controls.frequency)
-    windows = Windows(starts, begin, np.zeros((1, 0, V.OWN)), 25600.0, 0.3, 0.0, False, 1, 0.0)
+    windows = Windows(starts, begin, np.zeros((1, 0, V.OWN)), 25600.0, 0.3, 0.0, UNCHAINED, 1, 0.0)
     found = shot(made, windows, columns_of((), model, bench.axes, made, 0), 1e-9)
     inside = slice(*starts)
     for simulated, measured in zip(found.signals, (kept.rock, kept.acceleration), strict=True):

@@ -99,6 +99,10 @@ SIGNALS_AT = 0.5 - 0.5 * np.cos(np.pi * np.arange(SIGNAL_POINTS) / (SIGNAL_POINT
 SIGNALS_FIT, SLOPES_FIT = _fit(SIGNALS_AT), _fit(POINTS_AT)
 
 
+UNCHAINED = np.zeros(OWN, dtype=bool)
+"""Of windows that each begin anew."""
+
+
 class Windows(NamedTuple):
     """Where a run begins anew, and how."""
 
@@ -114,9 +118,9 @@ class Windows(NamedTuple):
     """rad of the excitation at sample 0."""
     impacts: float
     """Before sample 0, on this face of the rock."""
-    chained: bool
-    """Whether all but speed and distance of the indenter go on from the window before; ``begin`` then says at the end
-    what they began with."""
+    chained: np.ndarray
+    """(OWN,) which states go on from the window before, with their derivatives; ``begin`` then says at the end what
+    they began with."""
     stride: int
     """Samples from one state in ``path`` to the next; all starts are multiples."""
     grazing: float
@@ -154,7 +158,7 @@ def begin_window(
     """Put the state at the beginning of a window; ``made`` impacts have been before. Returns nothing."""
     apart()
     for i in range(OWN):
-        if windows.chained and window > 0 and i != V2 and i != W:
+        if windows.chained[i] and window > 0:
             windows.begin[window, i] = z[i]
         z[i] = windows.begin[window, i]
     time = windows.starts[window] / windows.rate
@@ -167,6 +171,8 @@ def begin_window(
     set_factor(m, d)
     prepare(m, d, z, YES, scratch)
     for a in range(OWN):
+        if windows.chained[a] and window > 0:
+            continue
         for c in range(columns.kind.size):
             work.v[0, a, c] = windows.varied[window, c, a]
     begin_factor(m, d, columns, work)

@@ -25,7 +25,7 @@ from drillenv.dynamics.hybrid.sensitivity import (
     by_state,
     make_variation,
 )
-from drillenv.dynamics.hybrid.shooting import Shot, Windows, shoot
+from drillenv.dynamics.hybrid.shooting import UNCHAINED, Shot, Windows, shoot
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import ROCKS
 
@@ -86,8 +86,9 @@ def varied_by(columns, windows):
     return varied
 
 
-def run(model, begin, columns, rtol, phase=PHASE_AT_0, impacts=7.0):
-    windows = Windows(STARTS, begin, varied_by(columns, len(begin)), RATE, phase, impacts, False, 4, 0.0)
+def run(model, begin, columns, rtol, phase=PHASE_AT_0, impacts=7.0, chained=UNCHAINED):
+    varied = varied_by(columns, len(begin))
+    windows = Windows(STARTS, begin.copy(), varied, RATE, phase, impacts, chained, 4, 0.0)
     shot = shot_of(windows, columns)
     d = fresh_motion(model).d
     status, _made = shoot(
@@ -226,8 +227,14 @@ def by_waves(effects, model, begin):
     return found
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_derivatives_are_those_of_differences(name):
+CHAINED = np.isin(np.arange(V.OWN), (V.V2, V.W), invert=True)
+"""All states but the indenter's."""
+
+
+@pytest.mark.parametrize(
+    ("name", "chained"), [*((name, UNCHAINED) for name in EFFECTS), ("mount and air", CHAINED), ("bristles", CHAINED)]
+)
+def test_derivatives_are_those_of_differences(name, chained):
     """Of both signals, and of the states at the windows' ends, by every kind of column at once."""
     effects, begin = EFFECTS[name], begins(EFFECTS[name])
     model = model_for(Rig(), SETTING, ROCK, effects)
@@ -242,9 +249,9 @@ def test_derivatives_are_those_of_differences(name):
         np.concatenate([np.zeros((0, DEGREE + 1)), *pieces]),
     )
     # the steps of a run adapt: a difference of two has their error in it
-    shot, inside = run(model, begin, columns, 1e-12), slice(int(STARTS[0]), int(STARTS[-1]))
+    shot, inside = run(model, begin, columns, 1e-12, chained=chained), slice(int(STARTS[0]), int(STARTS[-1]))
     for c, (what, _kind, _which, _turn, step, pair) in enumerate(found):
-        ahead, behind = (run(other, state, no_columns(), 1e-12, **more) for other, state, more in pair)
+        ahead, behind = (run(other, state, no_columns(), 1e-12, chained=chained, **more) for other, state, more in pair)
         for i in range(2):
             ours, theirs = shot.by_column[c, i, inside], (ahead.signals - behind.signals)[i, inside] / (2.0 * step)
             off = np.sort(np.abs(ours - theirs))
@@ -279,7 +286,7 @@ def from_rest(setting, rock, mount, samples):
     begin = np.zeros((1, V.OWN))
     begin[0, V.Y] = model.s[V.F_B] / model.s[V.K]
     columns, rate = no_columns(), samples * setting.frequency
-    windows = Windows(np.array([0, 21 * samples]), begin, varied_by(columns, 1), rate, 0.0, 0.0, False, 1, 0.0)
+    windows = Windows(np.array([0, 21 * samples]), begin, varied_by(columns, 1), rate, 0.0, 0.0, UNCHAINED, 1, 0.0)
     shot = shot_of(windows, columns)
     motion = fresh_motion(model)
     found = shoot(model, motion.d, 1e-6, windows, columns, shot, make_variation(model, 0), make_scratch(model))
@@ -316,7 +323,9 @@ def test_a_contact_that_is_left_at_next_to_no_speed_says_little():
     begin = np.zeros((1, V.OWN))
     begin[0, :4] = 2.10750419e-03, -1.07984894e-04, -6.36024386e-03, 4.19875301e-07
     columns = by_state(4)
-    windows = Windows(np.array([0, 656]), begin, np.eye(4, V.OWN)[None], 51200.0, -0.0612026489, 0.0, False, 1, 2e-3)
+    windows = Windows(
+        np.array([0, 656]), begin, np.eye(4, V.OWN)[None], 51200.0, -0.0612026489, 0.0, UNCHAINED, 1, 2e-3
+    )
     shot = shot_of(windows, columns)
     status, _impacts = shoot(
         model, fresh_motion(model).d, 1e-6, windows, columns, shot, make_variation(model, 4), make_scratch(model)
