@@ -19,7 +19,7 @@ from drillenv.cli_controllers import add_export, add_film, add_league, add_recor
 from drillenv.cli_options import Parser, add_commands, add_json, plain_number, print_json, whole_number
 from drillenv.completion import PrintCompletion
 from drillenv.corrected import effect_record, read_model
-from drillenv.files import check_writable
+from drillenv.files import check_writable, made_folder
 from drillenv.rig import (
     AMPLITUDE_LIMITS,
     AMPLITUDE_RANGE,
@@ -860,11 +860,7 @@ def _briefly(value: object) -> str:
 def _make_folder(folder: Path) -> list[Path]:
     """Make a folder and those above it. Returns those made, the innermost first."""
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot make the folder {shown(str(folder))}: {reason}; give another --out") from None
+    made_folder(folder)
     return missing
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from drillenv.checks import InputError
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 
 EFFECT, ROCK = "contact-rate chi=0.45", 4
 """What the campaign conceals, and on which rock of Table 2.2."""
@@ -77,11 +77,7 @@ def demonstrate(out: str | os.PathLike[str], say: Callable[[str], object]) -> Pa
     Raises:
         InputError: the folder cannot be made, or a part failed.
     """
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {str(out)!r} ({error.strerror}): give another") from None
+    folder = made_folder(out)
     say("The published motions, a diagnosis and a film, side by side; the first run compiles for about a minute.")
     with ThreadPoolExecutor(max_workers=2) as pool:
         list(pool.map(lambda part: _run(part, folder, say), PARTS))

@@ -81,6 +81,21 @@ def filled(package: str, template: str, **given: Any) -> str:
     return made.get_template(template).render(given).encode("utf-8", "replace").decode("utf-8")
 
 
+def made_folder(path: str | os.PathLike[str]) -> Path:
+    """A folder to write into, which is made, with those above it, where there is none.
+
+    Raises:
+        InputError: ``path`` is no path, or the folder cannot be made.
+    """
+    try:
+        folder = Path(path)
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, TypeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot make the folder {shown(str(path))}: {reason}; give another") from None
+    return folder
+
+
 @contextmanager
 def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A name to write to, which becomes ``path`` when the block ends well and is removed when it does not.

@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from drillenv.checks import InputError
-from drillenv.files import check_writable, whole
+from drillenv.files import check_writable, made_folder, whole
 
 
 def test_a_file_takes_its_name_at_the_end(tmp_path):
@@ -68,3 +68,15 @@ def test_check_leaves_nothing_and_changes_nothing(tmp_path):
     check_writable(path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_is_made_with_those_above_it(tmp_path):
+    assert made_folder(tmp_path / "a" / "b").is_dir()
+    assert made_folder(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+
+
+@pytest.mark.parametrize("wrong", ["a/file/b", "a/file", "a\0b", None])
+def test_a_folder_that_cannot_be_made_is_said_in_one_line(tmp_path, wrong):
+    (made_folder(tmp_path / "a") / "file").touch()
+    with pytest.raises(InputError, match=r"^cannot make the folder .*; give another$"):
+        made_folder(wrong if wrong is None else f"{tmp_path}/{wrong}")

@@ -19,7 +19,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -33,6 +32,7 @@ from drillenv.controllers.policies import Policy, actions_of, outputs_for, write
 from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS, KINDS, STEPS
 from drillenv.env.vector import DrillVectorEnv
+from drillenv.files import made_folder
 from drillenv.training.export import policy_of
 from drillenv.training.recipe import START, Recipe
 from drillenv.training.scaling import scaled
@@ -184,10 +184,7 @@ def train(recipe: Recipe, timesteps: int, out: str, address: str = "local", runn
         raise InputError(
             f"algo is {shown(recipe.algo)}: the cluster trains ppo on prepared rigs without env_kwargs only"
         )
-    try:
-        Path(out).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write to {out} ({error.strerror}): give another folder") from None
+    made_folder(out)
     ray = _connected(address)
     try:
         algorithm = configuration(recipe, runners).build_algo()

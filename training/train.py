@@ -34,7 +34,7 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from drillenv.checks import InputError, count, number
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 from drillenv.training import checkpoint
 from drillenv.training.evaluation import Evaluation, better, evaluation_of_model, evaluation_of_policy, scenario_of
 from drillenv.training.export import CONFIG, FORMAT, RESULT, controller_weights, policy_of, read_config, write
@@ -274,10 +274,7 @@ def _check_folder(folder: Path, recipe: Recipe, timesteps: int, resume: bool) ->
 
 def _begin(folder: Path, recipe: Recipe, timesteps: int) -> None:
     """Write down what the run is."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write to {folder} ({error.strerror}): give another folder") from None
+    made_folder(folder)
     versions = {name: version(name) for name in PACKAGES} | {"python": platform.python_version()}
     record = {"format": FORMAT, "timesteps": timesteps, "recipe": recipe.as_record(), "versions": versions}
     _write_json(folder / CONFIG, record)

@@ -20,7 +20,7 @@ from safetensors.numpy import load, save
 from drillenv.checks import InputError, shown
 from drillenv.controllers.hole.belief import SIZE, WEAR, Belief, fingerprint
 from drillenv.env.task import RANGES
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 
 FORMAT = "drillenv-hole-policy/3"
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -113,11 +113,7 @@ def write_policy(folder: str | Path, policy: HolePolicy) -> None:
     Raises:
         InputError: the folder cannot be written to.
     """
-    place = Path(folder)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write to {place} ({error.strerror}): give another folder") from None
+    place = made_folder(folder)
     record = {
         "format": FORMAT,
         "layers": policy.layers,

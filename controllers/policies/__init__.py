@@ -41,7 +41,7 @@ from drillenv.checks import InputError, choice, count, number, shown
 from drillenv.env.observation import READINGS
 from drillenv.env.registration import IDS
 from drillenv.env.task import RANGES
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 
 FORMAT, DIRECT_FORMAT = "drillenv-policy/1", "drillenv-policy/2"
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -162,13 +162,9 @@ def write_policy(folder: str | Path, policy: Policy) -> None:
     Raises:
         InputError: the folder cannot be written to.
     """
-    target = Path(folder)
     data = save({name: np.ascontiguousarray(values, np.float32) for name, values in policy.weights.items()})
     record = policy.as_record() | {"weights": {"sha256": hashlib.sha256(data).hexdigest()}}
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write to {target} ({error.strerror}): give another folder") from None
+    target = made_folder(folder)
     with whole(target / WEIGHTS) as part:
         part.write_bytes(data)
     with whole(target / DESCRIPTION) as part:

@@ -26,7 +26,7 @@ from drillenv.blind.confined import PEEKED
 from drillenv.blind.detection import detection_curves
 from drillenv.blind.seal import answers_digest, digest, digest_of_folder, seal, sealed, unseal
 from drillenv.checks import InputError, choice, count, number, shown
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 from drillenv.recordings import write_campaign
 
 FORMAT = "drillenv-trial/1"
@@ -227,12 +227,7 @@ def _begin(place: Path, wanted: Mapping[str, Any]) -> None:
         return
     if place.exists() and (not place.is_dir() or any(place.iterdir())):
         raise InputError(f"{shown(str(place))} exists and holds no trial: give a new folder")
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"cannot make {shown(str(place))}: {error.strerror}; give a folder where you can write"
-        ) from None
+    made_folder(place)
     _write(path, wanted)
 
 

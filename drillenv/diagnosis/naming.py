@@ -88,7 +88,7 @@ def with_constant_freed(fitted: Fitted, equation: Term) -> Fitted:
 
 
 def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain: float) -> Fitted:
-    """The fit of a structure that has an equation in the place of a law; to its end where it explains anything.
+    """The fit of a structure that has an equation in the place of a law; to its end where it explains most of that.
 
     Where the model is far off with any law, a short fit tells equations apart, and the one that is chosen goes on.
     """
@@ -98,7 +98,7 @@ def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain:
         again = with_continuity_relaxed(fitted, structure, start, states_first=True)
         if again.slack == TIGHT and again.cost < found.cost:
             found = again
-    if found.cost - fitted.cost > gain or fitted.reduced_chi_square > CLOSE:
+    if found.cost - fitted.cost > MOST_OF_LAW * gain or fitted.reduced_chi_square > CLOSE:
         return found
     return found.refit()
 

@@ -7,7 +7,6 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from drillenv.checks import InputError, count, shown
@@ -21,7 +20,7 @@ from drillenv.diagnosis.page import Wave, page
 from drillenv.diagnosis.provenance import provenance
 from drillenv.diagnosis.scope import bounded, limits_of, scope_of
 from drillenv.dynamics.hybrid.shooting import COMPILE_DERIVATIVES
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 from drillenv.recordings import Campaign, check_quality, read_campaign
 from drillenv.recordings.excerpt import excerpts
 from drillenv.recordings.findings import NOTE, QualityFinding
@@ -60,11 +59,7 @@ class Report:
         Raises:
             InputError: it cannot be written.
         """
-        place = Path(folder)
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot make the folder {shown(str(folder))}: {error.strerror}; give another") from None
+        place = made_folder(folder)
         texts = {
             "report.json": json.dumps(self.record, indent=1, allow_nan=False) + "\n",
             "model.json": json.dumps(self.model, indent=2, allow_nan=False) + "\n",

@@ -6,14 +6,12 @@ import json
 import os
 from collections.abc import Iterable
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from drillenv.atlas.boundary import boundaries, boundary
 from drillenv.atlas.sweep import Sweep, sweep
-from drillenv.checks import InputError
 from drillenv.dynamics.motion import Motion, motion, motions
-from drillenv.files import whole
+from drillenv.files import made_folder, whole
 from drillenv.paper.published import (
     BOUNDARIES,
     FORCE_2_4,
@@ -53,11 +51,7 @@ def reproduce(out: str | os.PathLike[str], progress: bool = False) -> list[Row]:
 
     from drillenv.paper.figures import FIGURES
 
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {str(out)!r} ({error.strerror}): give another") from None
+    folder = made_folder(out)
     frequency = sweep(SWEEP_3_2, "frequency", 50.0, 120.0, 0.1, rock=4)
     # the published order has motions that live on a hundredth of a hertz
     fine = sweep(SWEEP_3_2, "frequency", 50.0, 120.0, 0.01, rock=4, direction="up")
