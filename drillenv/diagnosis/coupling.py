@@ -59,6 +59,18 @@ def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
     return np.maximum(model.s[C] + slope(model.curve(DAMPER), axes, DAMPER, v), LEAST_DAMPING * model.s[C])
 
 
+def is_invertible(model: Model, axes: Axes) -> bool:
+    """Whether forces of spring and damper rise with their arguments, free laws on their axes included.
+
+    Else several shortenings have one force, and windows may begin at any of them.
+    """
+    y, v = axes.points(SPRING), axes.points(DAMPER)
+    of_spring = (model.s[K] + ADDED) * y + model.free[SPRING]
+    of_spring += interpolate(model.free[SPRING_FROM_REST], axes, SPRING_FROM_REST, from_rest(y, model))
+    of_damper = model.s[C] * v + model.free[DAMPER]
+    return bool(np.all(np.diff(of_spring) > 0.0) and np.all(np.diff(of_damper) > 0.0))
+
+
 @njit(cache=True, nogil=True)
 def _law_at(curve, axis, x):
     """Value and derivative of a law (GRID,) at x on its axis (scale, low, step): as ``interpolate`` and ``slope``."""

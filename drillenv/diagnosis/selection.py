@@ -377,4 +377,12 @@ def backward(
             say(f"  without {step.named.mechanism}: log-likelihood lower by {other.cost - fitted.cost:.1f}")
             kept.remove(step)
             fitted = other
+            for each in kept:
+                each.gain, each.samples = gain_without(fitted, each, step), fitted.samples
     return fitted, kept
+
+
+def gain_without(fitted: Fitted, step: Step, left_out: Step) -> float:
+    """What a step gains in a fit from which another one was left out, of whose gain it may have taken up all."""
+    own = step.gain_in(fitted)
+    return min(max(own, wald_gain(fitted, step)), own + left_out.gain_in(fitted))

@@ -16,9 +16,9 @@ from scipy.stats import chi2
 from drillenv.diagnosis.fitting import CONVERGED, SHORT, Fitted, penalty, tighten_continuity
 from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
 from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
-from drillenv.diagnosis.resolution import DETAILS, refined, with_detail
+from drillenv.diagnosis.resolution import DETAILS, refined, with_corners, with_detail
 from drillenv.diagnosis.terms import Term
-from drillenv.diagnosis.thresholds import CLOSE, EQUAL, FALSE_ALARMS, LAW_LEFT, LEFT, MOST_OF_LAW
+from drillenv.diagnosis.thresholds import CLOSE, EQUAL, FALSE_ALARMS, LAW_LEFT, LEFT, MOST_OF_LAW, SHARP
 
 Say = Callable[[str], object]
 
@@ -138,6 +138,12 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     else:
         named, other = step.named, found
     if named.equation is None and found.reduced_chi_square > CLOSE:
+        # a law with a sharp corner leaves so much, coarsely drawn, that others would be found in its place
+        sharper = with_corners(found, family)
+        if sharper.reduced_chi_square - 1.0 < SHARP * (found.reduced_chi_square - 1.0):
+            say(f"  with corners: chi-square {sharper.reduced_chi_square:.4f}")
+            found, terms = sharper, sharper.structure.current(family.terms)
+            step = replace(step, family=replace(family, terms=terms), terms=terms)
         return replace(step, named=named, after=found)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if family.terms and (named.equation is None or other.cost > found.cost):

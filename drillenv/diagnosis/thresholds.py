@@ -69,6 +69,8 @@ AT_REST_SPEED = 0.12
 """m/s at the first peak of the force that errors of the sensors leave of the speed of a rig that was at rest."""
 MOST_OF_LAW = 0.5
 """Share of a law's gain that an equation may lack and still be said to explain most of it."""
+SHARP = 0.5
+"""Share of what a law leaves that may be left with corners in it for them to be its own, while more may be missing."""
 TENSE = 2.0
 """Stated standard deviations from which a constant may be held back from where an equation would have it."""
 EQUAL = 5.0

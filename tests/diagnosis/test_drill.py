@@ -10,7 +10,14 @@ from drillenv import Rig
 from drillenv.diagnosis import drill
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.condition import condition
-from drillenv.diagnosis.coupling import closing_speed, damper_force, shortening, spring_coordinate
+from drillenv.diagnosis.coupling import (
+    ADDED,
+    closing_speed,
+    damper_force,
+    is_invertible,
+    shortening,
+    spring_coordinate,
+)
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized
 from drillenv.diagnosis.fitting import RELAXED, TIGHT
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
@@ -18,7 +25,7 @@ from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.sinusoids import KINDS
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.dynamics.constitutive.places import SPRING_FROM_REST
+from drillenv.dynamics.constitutive.places import SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_A, F_B, OWN, K, Y
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
 
@@ -191,3 +198,15 @@ def test_states_that_come_with_a_term_go_on(plain):
     assert len(every) > 20
     for each, structure in zip(every, extended(block, every), strict=True):
         assert deviations(block, shared, own, structure)[1] < 0.15, each.name
+
+
+@pytest.mark.parametrize(("steepest", "possible"), [(-0.8, True), (-2.0, False)])
+def test_a_spring_that_gives_way_has_no_shortening_to_its_force(plain, steepest, possible):
+    """Windows could begin at any of several; the spring that is added to tell play apart carries it so far."""
+    block, shared, own = with_law(plain, "spring")
+    model = block.structure.model(shared * block.scales, block.point)
+    x = block.structure.axes.points(SPRING)
+    middle, width = x[GRID // 2], 0.05 * (x[-1] - x[0])
+    model.free[SPRING] = steepest * (model.s[K] + ADDED) * width * np.tanh((x - middle) / width)
+    assert is_invertible(model, block.structure.axes) == possible
+    assert block.integrate(model, own).completed == possible

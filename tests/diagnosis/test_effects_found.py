@@ -129,6 +129,18 @@ def test_dry_friction_of_the_indenter_is_found_to_a_hundredth():
 
 
 @pytest.mark.slow
+def test_a_sharp_corner_of_a_law_is_not_taken_for_more_physics():
+    """Rock that is 1.6 times as stiff beyond a depth: coarsely drawn its law leaves twelve times the noise."""
+    (equation,) = (each for each in MECHANISMS["contact-power-law"].equations if each.name == "stiffer beyond a depth")
+    drawn = concealed("contact-power-law", equation, np.random.default_rng(SEED), 1.0, SITE)
+    chosen = drawn._replace(parameters={**drawn.parameters, "ratio": 1.6, "d_b": 5e-5})
+    report = diagnose(plain_campaign(np.random.default_rng(SEED), 3, (chosen,), recordings=5, seconds=0.2).campaign)
+    (finding,) = report.record["findings"]
+    assert (finding["mechanism"], finding["form"]) == ("contact-power-law", "measured")
+    assert report.record["fit"]["fitted"]["after"] < 1.03
+
+
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_gain_that_drifts_is_no_hardening_spring():
     """A hardening spring of no strength at all would let a fresh rig begin elsewhere, and so gain something."""
