@@ -20,6 +20,8 @@ CAP = 5.0
 """Periodogram ordinates count at most this many times their expectation in a fit of the spectrum."""
 SECTIONS = 6
 """Of the whitening filter, each with one pole and one zero."""
+MOST_STEPS = 600
+"""Of the least squares that find these: corners near to the Nyquist frequency may need more than SciPy takes."""
 SLOWER = math.log(1e3)
 """Logarithm of the range of frequencies below 1 / T over which 1/f noise is taken to go on."""
 MOST_LINES = 8
@@ -163,7 +165,8 @@ def _sections(corner: float, n: int) -> Floats:
     f = np.geomspace(1.0 / n, 0.5, 400)
     v, a = 2.0 * np.sin(np.pi * f) ** 2, (1.0 - poles) ** 2 / (2.0 * poles)
     wanted = 1.0 + corner / f
-    b, _ = optimize.nnls(1.0 / (v[:, None] + a) / wanted[:, None], corner / f / wanted)
+    columns = 1.0 / (v[:, None] + a) / wanted[:, None]
+    b, _ = optimize.nnls(columns, corner / f / wanted, maxiter=MOST_STEPS)
     poles, a, b = poles[b > 0.0], a[b > 0.0], b[b > 0.0]
     roots = np.linalg.eigvalsh(np.diag(a) + np.sqrt(np.outer(b, b)))
     zeros = 1.0 + roots - np.sqrt(roots**2 + 2.0 * roots)

@@ -135,6 +135,15 @@ def test_the_whitening_filter_undoes_the_spectrum(corner, rate, size):
     assert whitened == pytest.approx(2.0 / rate, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("corner", "size"), [(0.4753983171376023, 1165), (0.6713024722925717, 1208), (0.852761260745442, 1244)]
+)
+def test_a_corner_near_to_the_nyquist_frequency_has_a_filter(corner, size):
+    """In cycles per sample: with as many steps as SciPy takes by itself, the least squares ended in an error."""
+    _, response = signal.freqz_sos(_sections(corner, size), np.geomspace(2.0 / size, 0.5, 500), fs=1.0)
+    assert np.isfinite(response).all()
+
+
 def test_white_noise_is_divided_and_columns_are_filtered_one_by_one():
     columns = white(8, 3000).reshape(3, 1000)
     assert np.array_equal(whiten(NoiseModel(4.0, 0.0, (), 8e3), columns), columns / 4.0)
