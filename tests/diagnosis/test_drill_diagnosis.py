@@ -18,7 +18,7 @@ from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
 from drillenv.diagnosis.drill_report import corrected, record_of, waves
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import SHORT
-from drillenv.diagnosis.score_tests import PEAKS, at_peaks, score_tests
+from drillenv.diagnosis.score_tests import PEAKS, Batch, at_peaks, information, score_tests
 from drillenv.diagnosis.selection import from_strengths
 from drillenv.diagnosis.thresholds import LEFT
 
@@ -85,7 +85,7 @@ def test_a_mount_is_looked_for_where_it_resonates():
     with ThreadPoolExecutor(2) as pool:
         plain = plain_fit(campaign, data, pool)
         tried = [each for each in DRILL.candidates(plain) if each.group == "mount"]
-        first, *others = at_peaks(plain, tried)
+        (first, _known), *others = at_peaks(tried, information(plain, [Batch(each.terms) for each in tried]))
         assert plain.reduced_chi_square > 5.0 and len(others) < PEAKS
         assert first.look_elsewhere == len(tried)
         ((score,), _level) = score_tests(plain, [first])

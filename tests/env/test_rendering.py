@@ -390,6 +390,8 @@ class FakeCanvas(FigureCanvasAgg):
     required_interactive_framework = "fake"
 
     def start_event_loop(self, timeout=0):
+        # what is due next is reckoned by the clock, which has to go on
+        time.sleep(timeout)
         self.waited = getattr(self, "waited", 0.0) + timeout
 
 
