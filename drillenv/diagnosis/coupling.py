@@ -60,10 +60,13 @@ def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
 
 
 def is_invertible(model: Model, axes: Axes) -> bool:
-    """Whether forces of spring and damper rise with their arguments, free laws on their axes included.
+    """Whether forces of spring and damper rise with their arguments where free laws of theirs are drawn.
 
-    Else several shortenings have one force, and windows may begin at any of them.
+    Else several shortenings have one force, and windows may begin at any of them. Equations are not asked: their axes
+    are longer than what motions visit.
     """
+    if not model.free[[SPRING, SPRING_FROM_REST, DAMPER]].any():
+        return True
     y, v = axes.points(SPRING), axes.points(DAMPER)
     of_spring = (model.s[K] + ADDED) * y + model.free[SPRING]
     of_spring += interpolate(model.free[SPRING_FROM_REST], axes, SPRING_FROM_REST, from_rest(y, model))

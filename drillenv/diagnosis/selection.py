@@ -57,8 +57,8 @@ def with_family(
     if strength != 0.0:
         start[-family.size] += strength / family.unknowns[0].scale
     if from_nominal:
-        stated = [each.value / each.scale for each in structure.terms[0].unknowns]
-        start[: len(stated)] = stated
+        count = len(structure.terms[0].unknowns)
+        start[:count] = structure.start[:count]
     return fitted.refit(structure, start, limits, states_first=strength != 0.0 or from_nominal)
 
 
