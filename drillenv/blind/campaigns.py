@@ -115,6 +115,8 @@ class _Recorded(NamedTuple):
     motion: Motion
     misread: sensors.Signals
     """Root mean square of what the transducers add to each channel, as arrays of one number."""
+    realised: tuple[Mapping[str, float], ...]
+    """Of each concealed mechanism the parameters that were drawn anew for this recording."""
 
 
 def schedule(campaigns: int, groups: Mapping[str, int] = GROUPS) -> list[str]:
@@ -419,11 +421,12 @@ def _record(rng, conditions, hidden, setting, true, name, fresh) -> _Recorded:
     )
     time = motion.time - warm * step
     clean = sensors.Signals(controls.amplitude * np.sin(motion.theta), motion.rock, motion.acceleration)
-    scene = sensors.Scene(1.0 / step, time, motion.regime > 0, fresh, rng)
-    read = clean
+    read, realised = clean, []
     for each in hidden:
+        scene = sensors.Scene(1.0 / step, time, motion.regime > 0, fresh, rng, {})
         if each.equation.transducer is not None:
             read = each.equation.transducer(read, scene, each.parameters)
+        realised.append(scene.realised)
     written = sensors.log_signals(read, step, warm, every, logger, rng)
     misread = sensors.Signals(
         *(np.sqrt(np.mean((a[warm:] - b[warm:]) ** 2, keepdims=True)) for a, b in zip(read, clean, strict=True))
@@ -436,7 +439,7 @@ def _record(rng, conditions, hidden, setting, true, name, fresh) -> _Recorded:
     starts = "fresh" if fresh else "running"
     recording = Recording(name, f"{name}.csv", logger.rate, channels, starts, setting)
     kept = Motion(*(each[warm::every] for each in motion))
-    return _Recorded(recording, kept, misread)
+    return _Recorded(recording, kept, misread, tuple(realised))
 
 
 def _with_gaps(rng: np.random.Generator, made: Sequence[_Recorded]) -> list[_Recorded]:
@@ -513,8 +516,9 @@ def _answer(conditions, hidden, settings, wrong, true, made, group) -> dict[str,
             "of_library": each.equation.of_library,
             "parameters": dict(each.parameters),
             "law": curves.law_of(each, where, noise),
+            "law_realised": _law_realised(each, [recorded.realised[i] for recorded in made], where, noise),
         }
-        for each in hidden
+        for i, each in enumerate(hidden)
     ]
     if conditions.gaps:
         entries.append(
@@ -535,6 +539,16 @@ def _answer(conditions, hidden, settings, wrong, true, made, group) -> dict[str,
             **conditions.logger._asdict(),
         },
     }
+
+
+def _law_realised(
+    each: Concealed, realised: Sequence[Mapping[str, float]], where: curves.Reference, noise: tuple[float, float, float]
+) -> dict[str, Any] | None:
+    """The curve with the means over the recordings of parameters that differ between them; None where none does."""
+    if not realised[0]:
+        return None
+    means = {name: float(np.mean([one[name] for one in realised])) for name in realised[0]}
+    return curves.law_of(each._replace(parameters=dict(each.parameters) | means), where, noise)
 
 
 def _verdict(group: str) -> str:

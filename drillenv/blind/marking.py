@@ -76,14 +76,14 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
     used = [id(each) for each in matched.values() if each is not None]
     false = [each["mechanism"] for each in findings if id(each) not in used]
     laws = _laws(answer, matched)
-    beside = _laws_beside(answer, matched, report)
+    revised = _laws_revised(answer, matched, report)
     made |= {
         "verdict": report["verdict"],
         "findings": [each["mechanism"] for each in findings],
         "mechanisms": {name: _fate(name, matched[name], report, false) for name in names},
         "false": false,
         "laws": laws,
-        "laws_beside": beside,
+        "laws_beside": revised,
         "intervals": _intervals(answer, matched) if not false and report["verdict"] == "missing-physics" else [],
         "fit": report.get("fit"),
         "where": report.get("where", {}).get("summary"),
@@ -91,7 +91,7 @@ def mark(answer: Mapping[str, Any], outcome: Mapping[str, Any], report: Mapping[
         "constants_right": _constants_right(answer, report),
     }
     made["named"] = _named(answer, made)
-    made["right"] = made["named"] and _agree(answer, made, laws | beside)
+    made["right"] = made["named"] and _agree(answer, made, laws | revised)
     made["right_by_first_rules"] = made["named"] and _agree(answer, made, laws)
     return made
 
@@ -171,11 +171,17 @@ def _laws(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | N
     return {name: error for name, error in errors.items() if math.isfinite(error)}
 
 
-def _laws_beside(
+def _laws_revised(
     answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None], report: Mapping[str, Any]
 ) -> dict[str, float]:
-    """The same by the revised rules, of laws that stand beside a constant of the drilling rig."""
+    """The same by the revised rules: of laws beside a constant of the drilling rig, and of those that differ by recording."""
+    where, noise = curves.Reference(**answer["reference"]), tuple(answer["conditions"]["noise"])
     errors = {}
+    for each, finding, x, true in _curves(answer, matched, "law_realised"):
+        with suppress(*UNREADABLE):
+            found = curves.reported(finding, x, where, noise)
+            if found is not None:
+                errors[each] = curves.law_error(each, x, true, found)
     for each, finding, x, true in _curves(answer, matched):
         with suppress(*UNREADABLE):
             found = beside_true_constant(answer, report, each, finding, x, true)
@@ -185,11 +191,12 @@ def _laws_beside(
 
 
 def _curves(
-    answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]
+    answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None], which: str = "law"
 ) -> Iterator[tuple[str, Mapping[str, Any], NDArray[np.float64], NDArray[np.float64]]]:
     """Mechanisms with a curve that were named: the finding, and argument and quantity of the true curve."""
     for each in answer["mechanisms"]:
-        finding, law = matched[each["mechanism"]], each["law"]
+        # absent where nothing is drawn anew for each recording, of single bodies, and before the second revision
+        finding, law = matched[each["mechanism"]], each.get(which)
         if finding is not None and law is not None and finding["mechanism"] == each["mechanism"]:
             yield each["mechanism"], finding, np.asarray(law["x"], dtype=float), np.asarray(law["y"], dtype=float)
 

@@ -510,7 +510,8 @@ def _laws(mark: Mark, answer: Mapping[str, Any], report: Any) -> Iterator[tuple[
             if each["law"] is None or mark["mechanisms"][name] != "named":
                 continue
             finding = next(one for one in report["findings"] if one["mechanism"] == name)
-            x, true = (np.asarray(each["law"][key], dtype=float) for key in ("x", "y"))
+            law = each.get("law_realised") or each["law"]
+            x, true = (np.asarray(law[key], dtype=float) for key in ("x", "y"))
             where = curves.Reference(**answer["reference"])
             found = curves.reported(finding, x, where, tuple(answer["conditions"]["noise"]))
             if found is None:
@@ -520,7 +521,7 @@ def _laws(mark: Mark, answer: Mapping[str, Any], report: Any) -> Iterator[tuple[
             compared = beside_true_constant(answer, report, name, finding, x, true) if "laws_beside" in mark else None
             if compared is None:
                 compared = _compared(name, x, true, found)
-            yield _law(each["law"], x, true, found, compared), said
+            yield _law(law, x, true, found, compared), said
         except (*UNREADABLE, StopIteration):
             continue
 

@@ -41,6 +41,8 @@ class Scene(NamedTuple):
     """Whether every channel was 0 before the first sample."""
     rng: np.random.Generator
     """For what differs from recording to recording."""
+    realised: dict[str, float]
+    """Where transducers put the parameters that they draw anew for each recording, as they are in this one."""
 
 
 Transfer = tuple[list[float], list[float]]
@@ -194,6 +196,7 @@ def late_channel(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals
 def late_at_random(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals:
     """The acceleration comes late, by another time in each recording."""
     late = p["delay_a"] * scene.rng.uniform(0.6, 1.4)
+    scene.realised["delay_a"] = late
     return true._replace(acceleration=delayed(true.acceleration, late, scene.rate))
 
 
@@ -216,8 +219,10 @@ def offset(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals:
     """Channels that do not read zero at zero; ``spread`` and ``ramp`` make them differ and drift."""
     factor = 1.0 + p.get("spread", 0.0) * scene.rng.normal()
     drift = 1.0 + p.get("ramp", 0.0) * (scene.time - scene.time[-1] / 2.0) * math.copysign(1.0, scene.rng.normal())
-    sizes = (p["o_e"], p["o_f"], p["o_a"])
-    return Signals(*(each + size * factor * drift for each, size in zip(true, sizes, strict=True)))
+    sizes = {name: p[name] * factor for name in ("o_e", "o_f", "o_a")}
+    if "spread" in p:
+        scene.realised.update(sizes)
+    return Signals(*(each + size * drift for each, size in zip(true, sizes.values(), strict=True)))
 
 
 def gain_drift(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals:

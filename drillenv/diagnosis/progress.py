@@ -104,15 +104,23 @@ class Progress:
 
 
 class Timed(Executor):
-    """An executor that is given no more work once a search has taken what it may: fits end between two evaluations."""
+    """An executor whose calls fail once a search has taken what it may: fits end between two recordings' evaluations."""
 
     def __init__(self, pool: Executor, progress: Progress) -> None:
         self._pool, self._progress = pool, progress
 
     def map(self, fn: Callable, *iterables: Any, **options: Any) -> Iterator:
-        """See Executor."""
-        self._progress.check_time()
-        return self._pool.map(fn, *iterables, **options)
+        """See Executor.
+
+        Raises:
+            OutOfTime: by the iterator, where the time was up before a call.
+        """
+
+        def timed(*given: Any) -> Any:
+            self._progress.check_time()
+            return fn(*given)
+
+        return self._pool.map(timed, *iterables, **options)
 
 
 def span(least: float, most: float) -> str:

@@ -21,6 +21,7 @@ RANGES = {
     "v1": (-3e-3, 5e-3),
     "signal": (50.0, 4000.0),
     "drive": (-600.0, 600.0),
+    "channels": (0.0, 1.0),
 }
 WHERE = curves.Reference(21.4e6, 68850.0, 5e-5, 200.0, 2e-5, RANGES)
 NOISE = (0.002, 5.0, 2.0)
@@ -223,6 +224,19 @@ def test_a_damper_is_compared_with_its_constant(factor, right):
     # the straight part is the force's as well
     off = marked_beside(hidden, lambda x: 5000.0 * np.abs(x) * x + 150.0 * x)
     assert off["right_by_first_rules"] and not off["right"]
+
+
+@pytest.mark.parametrize(("read", "right"), [(0.7, True), (0.95, False)])
+def test_offsets_that_differ_are_compared_with_their_mean(read, right):
+    """Drawn about 20 N, eight offsets have a mean of 14 N by chance."""
+    apart = next(each for each in MECHANISMS["sensor-offset"].equations if each.name == "another in each recording")
+    drawn = Concealed("sensor-offset", apart, {"o_e": 0.01, "o_f": 20.0, "o_a": 3.0, "spread": 0.7})
+    realised = drawn._replace(parameters={name: 0.7 * value for name, value in drawn.parameters.items()})
+    truth = answer("other-equation", drawn)
+    truth["mechanisms"][0]["law_realised"] = curves.law_of(realised, WHERE, NOISE)
+    stated = finding("sensor-offset", **{name: read * drawn.parameters[name] for name in ("o_e", "o_f", "o_a")})
+    made = mark(truth, report("missing-physics", stated))
+    assert made["right"] == right == (not made["right_by_first_rules"])
 
 
 def test_a_report_without_constants_has_no_law_beside_them():

@@ -15,7 +15,7 @@ TIME = np.arange(int(0.2 * RATE)) / RATE
 
 
 def scene(from_rest=True):
-    return sensors.Scene(RATE, TIME, np.zeros(TIME.size, dtype=bool), from_rest, np.random.default_rng(0))
+    return sensors.Scene(RATE, TIME, np.zeros(TIME.size, dtype=bool), from_rest, np.random.default_rng(0), {})
 
 
 def linear_transducers():
@@ -108,3 +108,25 @@ def test_an_anti_alias_filter_keeps_the_band_and_stops_what_folds(kind):
         made = sensors.log_signals(sensors.Signals(wave, wave, wave), 1 / RATE, 0, 8, quiet, np.random.default_rng(0))
         middle = made.force[1000:-1000]
         assert low <= math.sqrt(2.0) * np.std(middle) <= high
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "name", "parameters"),
+    [
+        ("sensor-offset", "another in each recording", {"o_e": 0.01, "o_f": 20.0, "o_a": -5.0, "spread": 0.7}),
+        ("channel-delay", "another in each recording", {"delay_a": 2e-4}),
+    ],
+)
+def test_a_transducer_says_what_it_drew_for_a_recording(mechanism, name, parameters):
+    """The mean over a campaign is then what its recordings tell."""
+    equation = next(each for each in MECHANISMS[mechanism].equations if each.name == name)
+    wave = np.sin(2.0 * math.pi * 160.0 * TIME)
+    told = scene()
+    read = equation.transducer(sensors.Signals(wave, wave, wave), told, parameters)
+    assert set(told.realised) == set(parameters) - {"spread"}
+    if mechanism == "sensor-offset":
+        np.testing.assert_allclose(read.force - wave, told.realised["o_f"])
+        assert told.realised["o_f"] != parameters["o_f"]
+    else:
+        late = np.sin(2.0 * math.pi * 160.0 * (TIME - told.realised["delay_a"]))
+        np.testing.assert_allclose(read.acceleration[2000:-2000], late[2000:-2000], atol=1e-4)

@@ -182,7 +182,12 @@ def test_a_fit_ends_between_two_evaluations_once_time_is_up():
         assert list(timed.map(abs, [-1, 2])) == [1, 2]
         now[0] = 6.0
         with pytest.raises(OutOfTime):
-            timed.map(abs, [-1])
+            list(timed.map(abs, [-1]))
+        now[0] = 0.0
+        evaluated = timed.map(lambda at: now.__setitem__(0, at), [6.0, 7.0])
+        with pytest.raises(OutOfTime):
+            list(evaluated)
+        assert now[0] == 6.0
         progress.stage(PROVING)
         assert list(timed.map(abs, [-1])) == [1]
 
