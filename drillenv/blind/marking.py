@@ -174,7 +174,7 @@ def _laws(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | N
 def _laws_revised(
     answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None], report: Mapping[str, Any]
 ) -> dict[str, float]:
-    """The same by the revised rules: of laws beside a constant of the drilling rig, and of those that differ by recording."""
+    """The same by the revised rules: of laws beside a constant of the rig, and of those that differ by recording."""
     where, noise = curves.Reference(**answer["reference"]), tuple(answer["conditions"]["noise"])
     errors = {}
     for each, finding, x, true in _curves(answer, matched, "law_realised"):

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
-from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, with_labels_corrected
+from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, relabelled, with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, conditioned, without_unusable
 from drillenv.diagnosis.constants import NAMES, constants, logger
 from drillenv.diagnosis.drill import ShootingProblem
@@ -157,22 +157,63 @@ def diagnose_drill(
     outcome = search(campaign, say, jobs, scope, interruptible, within)
     if outcome.stopped:
         return replace(outcome, labels=labels, unusable=unusable)
-    alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
-    if alone is not None:
-        say(f"{alone} disagrees more than all the others together: once more without it")
-        rest = tuple(each for each in campaign.recordings if each.name != alone)
+    other = second_look(campaign, labels, outcome)
+    if other is not None:
+        say(f"{other.why}: once more {other.how}")
         left = max(last - time.process_time(), 0.0)
         try:
-            again = search(replace(campaign, recordings=rest), say, jobs, scope, interruptible, left)
+            again = search(other.campaign, say, jobs, scope, interruptible, left)
         except KeyboardInterrupt:
             if not interruptible:
                 raise
-            return replace(outcome, labels=labels, unusable=unusable, stopped=f"looking once more without {alone}")
+            return replace(outcome, labels=labels, unusable=unusable, stopped=f"looking once more {other.how}")
         if again.verdict != "unexplained" and not again.stopped:
-            # a corrected label of it has not helped
-            labels = [each for each in labels if each.recording != alone]
-            outcome, labels = again, [*labels, Label(alone, "use", "fit", "set aside", None)]
+            outcome, labels = again, other.labels
     return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)], unusable=unusable)
+
+
+class SecondLook(NamedTuple):
+    """A campaign whose labels a finished search has called in question, and the labels that it then has."""
+
+    campaign: Campaign
+    labels: list[Label]
+    why: str
+    how: str
+
+
+def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -> SecondLook | None:
+    """A campaign with other labels that may be explained better, if there is one.
+
+    With a pressure as it was stated, where it was corrected and the model that was found puts it back: what is missing
+    may take a recording off the line of the others. Or else without a recording that alone is not explained.
+    """
+    back = pressure_put_back(labels, outcome)
+    if back is not None:
+        as_stated = replace(back, seems=back.stated)
+        every = (relabelled(each, as_stated) if each.name == back.recording else each for each in campaign.recordings)
+        others = [each for each in labels if each is not back]
+        why = f"what was found puts the pressure of {back.recording} back"
+        return SecondLook(replace(campaign, recordings=tuple(every)), others, why, "with it as stated")
+    alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
+    if alone is None:
+        return None
+    rest = tuple(each for each in campaign.recordings if each.name != alone)
+    # a corrected label of it has not helped
+    others = [each for each in labels if each.recording != alone]
+    why = f"{alone} disagrees more than all the others together"
+    set_aside = Label(alone, "use", "fit", "set aside", None)
+    return SecondLook(replace(campaign, recordings=rest), [*others, set_aside], why, f"without {alone}")
+
+
+def pressure_put_back(labels: Sequence[Label], outcome: Outcome) -> Label | None:
+    """A corrected pressure that a fit puts nearer to what was stated than to what it was corrected to."""
+    corrected = [each for each in labels if each.field == "pressure"]
+    found = {each.recording: float(each.seems) for each in mislabelled_pressures_by_fit(outcome)} if corrected else {}
+    for each in corrected:
+        fitted = found.get(each.recording, float(each.seems))
+        if abs(fitted - float(each.stated)) < abs(fitted - float(each.seems)):
+            return each
+    return None
 
 
 def search(

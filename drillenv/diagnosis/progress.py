@@ -104,7 +104,7 @@ class Progress:
 
 
 class Timed(Executor):
-    """An executor whose calls fail once a search has taken what it may: fits end between two recordings' evaluations."""
+    """An executor whose calls fail once a search has taken what it may: fits end between evaluations of recordings."""
 
     def __init__(self, pool: Executor, progress: Progress) -> None:
         self._pool, self._progress = pool, progress

@@ -31,6 +31,8 @@ WIDTHS = (3.0, 1.0)
 """Of constants on them, in the solver's units."""
 FORCE, ACCELERATION = 0, 1
 NONE = 1e6  # Hz: here a resonance or a low-pass does nothing, as in the library
+RESONATORS = 12
+"""Of a free response, from 1.5 to 7.5 kHz: so near to each other that two of them draw what rings in between."""
 LAGS, CORNERS = (-5e-5, 5e-5, 1.2e-4, 2.5e-4, 4.5e-4, 8e-4), (300.0, 800.0, 2000.0)
 """Of a free response: s by which it shifts, and Hz at which its low-passes begin."""
 NARROW = 0.03  # damping ratio with which fits of an equation begin
@@ -178,7 +180,7 @@ def _kernels(rings: tuple[Resonator, ...], rate: float) -> tuple[Floats, int]:
 
 def broad_parts(rate: float) -> Callable[[Floats], np.ndarray]:
     """The responses (m, n) of the parts of a free response at frequencies (n,) in Hz, with broad resonators alone."""
-    kernels, first = _kernels(_resonators(8, rate), rate)
+    kernels, first = _kernels(_resonators(RESONATORS, rate), rate)
 
     def responses(frequency: Floats) -> np.ndarray:
         places = np.arange(first, first + kernels.shape[1])
@@ -463,7 +465,8 @@ def _own(effect: str, scales: dict[str, float], at: dict[str, float]) -> tuple[U
 
 
 def _resonators(count: int, rate: float, ratio: float = BROAD) -> tuple[Resonator, ...]:
-    return tuple(Resonator(float(each), ratio) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.4 * rate)
+    # of one above half the rate, whose foot is seen, the same parts are made at the fine rate
+    return tuple(Resonator(float(each), ratio) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.6 * rate)
 
 
 def _with_sharp(broad: tuple[Resonator, ...], sharp: Resonator | None) -> tuple[Resonator, ...]:
@@ -554,7 +557,7 @@ def sensor_families(
     """
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
-    of_force, of_acceleration = (_with_sharp(_resonators(8, rate), each) for each in sharp)
+    of_force, of_acceleration = (_with_sharp(_resonators(RESONATORS, rate), each) for each in sharp)
     accelerometer, cell = partial(_response, of_acceleration), partial(_cell, of_force)
     found: list[tuple[str, str, Sensor]] = [
         (ACCELEROMETER, "", Response(ACCELEROMETER, _parts(of_acceleration), 1, law=accelerometer)),

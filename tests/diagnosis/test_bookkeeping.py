@@ -1,6 +1,8 @@
 """Labels of single recordings that their samples contradict are found, and nothing else is taken for one."""
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from drillenv.blind.campaigns import plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, Site, concealed
 from drillenv.checks import InputError
 from drillenv.diagnosis import drill_diagnosis
-from drillenv.diagnosis.bookkeeping import mislabelled_pressures, with_labels_corrected
+from drillenv.diagnosis.bookkeeping import Label, mislabelled_pressures, with_labels_corrected
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.drill_diagnosis import Outcome, nominal_rig
 from drillenv.diagnosis.report import diagnose
@@ -178,3 +180,19 @@ def test_a_recording_that_is_too_short_once_its_label_is_right_is_left_out(monke
     outcome = drill_diagnosis.diagnose_drill(replace(campaign, recordings=tuple(recordings)))
     assert searched == [each.name for each in campaign.recordings if each is not whole]
     assert len(outcome.unusable) == 1 and whole.name in outcome.unusable[0]
+
+
+@pytest.mark.parametrize(("fitted", "back"), [(0.99, True), (1.12, False)])
+def test_a_pressure_that_the_fit_puts_back_is_searched_as_stated(monkeypatch, campaigns, fitted, back):
+    """What is missing, as friction of the indenter, had taken its recording off the line of the others."""
+    campaign = campaigns[0]
+    name, true = campaign.recordings[2].name, campaign.recordings[2].setting.pressure
+    corrected = Label(name, "pressure", true, 1.1 * true, 0.01)
+    by_fit = [Label(name, "pressure", 1.1 * true, fitted * true, 0.01)]
+    monkeypatch.setattr(drill_diagnosis, "mislabelled_pressures_by_fit", lambda _outcome: by_fit)
+    outcome: Any = SimpleNamespace(verdict="missing-physics")
+    other = drill_diagnosis.second_look(relabelled(campaign, 2, pressure=1.1 * true), [corrected], outcome)
+    if back:
+        assert other.labels == [] and other.campaign.recordings[2].setting.pressure == true
+    else:
+        assert other is None
