@@ -114,13 +114,18 @@ def _ends(axes: Axes, place: int) -> tuple[float, float]:
     return float(points[0]), float(points[-1])
 
 
-def _contact_law(axes: Axes, top: float) -> Shown:
-    """Force over depth while loading, beyond that of the straight law: w' = kappa d' integrated; ``top`` is of w."""
-    x, w = np.linspace(0.0, top, POINTS), np.linspace(0.0, 1.5 * top, 1500)
+def _contact_law(axes: Axes, top: float, found: Model) -> Shown:
+    """Force over depth while loading, beyond that of the straight law: w' = kappa d' integrated.
+
+    Up to the depth at which w is at its ``top`` in the model that was ``found``.
+    """
+    w = np.linspace(0.0, 1.5 * top, 1500)
 
     def depth(model: Model) -> Floats:
         kappa = np.exp(_at(model, axes, LOADING, w))
         return np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
+
+    x = np.linspace(0.0, float(np.interp(top, w, depth(found))), POINTS)
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
         loading = (motion.path[V.W] > 0.0) & (motion.path[V.V2] > 0.0)
@@ -221,6 +226,11 @@ PLAIN: dict[str, tuple[int, str, str, str, Seen | None]] = {
 """By group of laws that are one curve: its place, argument, its unit, that of the law, and what samples say of it."""
 
 
+def model_of(fitted: Fitted) -> Model:
+    """That of the first recording."""
+    return fitted.structure.model(fitted.values, fitted.blocks[0].point)
+
+
 def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visited) -> Shown:
     """How a family's law, of these ``terms`` now, is shown."""
     axes = fitted.structure.axes
@@ -228,13 +238,12 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visite
         place, argument, argument_unit, unit, seen = PLAIN[family.group]
         ends = _ends(visited.axes, place)
         if family.group in ("spring", "play") and isinstance(terms[0], Curve):
-            model = fitted.structure.model(fitted.values, fitted.blocks[0].point)
-            return _coupling(model, axes, family.group, ends)
+            return _coupling(model_of(fitted), axes, family.group, ends)
         x = axes.between(place, *ends, POINTS)
         straight = place in (SPRING, SPRING_FROM_REST, DAMPER, DRIVE)
         return Shown(argument, argument_unit, unit, x, lambda model: _at(model, axes, place, x), seen, straight)
     if family.group == "contact law":
-        return _contact_law(axes, _ends(visited.axes, LOADING)[1])
+        return _contact_law(axes, _ends(visited.axes, LOADING)[1], model_of(fitted))
     if family.group == "contact speed":
         return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], visited.depth)
     if family.group == "compaction":

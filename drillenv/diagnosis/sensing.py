@@ -39,6 +39,7 @@ NARROW = 0.03  # damping ratio with which fits of an equation begin
 OVERDAMPED = 0.6
 """Damping ratio beyond which a resonance raises no frequency and is a low-pass."""
 CELL_CORNERS, SLOW_CORNERS = (500.0, 2000.0), (0.3, 1.0, 3.0)  # Hz, of low-passes in a load cell and in a high-pass
+CREEP_CORNERS = (10.0, 30.0, 90.0)  # Hz, of those through which a part of the force comes late
 OVERTONES = (1, 2, 3, 4, 5)
 """Orders of the mains that a hum may have: of a rectifier, and of a transformer that saturates."""
 GAINS = 2 * len(SLOW_CORNERS)
@@ -225,6 +226,11 @@ def _cell(rings: tuple[Resonator, ...], values: Floats, force: Floats, accelerat
 
 def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
     return force, acceleration + values[0] * force if values[0] else acceleration
+
+
+def _creep(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
+    shares = [(share, corner) for share, corner in zip(values, CREEP_CORNERS, strict=True) if share]
+    return force + sum(share * (_filtered(force, rate, corner) - force) for share, corner in shares), acceleration
 
 
 @dataclass(frozen=True)
@@ -571,10 +577,14 @@ def sensor_families(
         *(("hum", f" {line:g} Hz with overtones", added(names, line, OVERTONES)) for line in (50.0, 60.0)),
         *(("hum", f" {line:g} Hz that swells", added(names, line, (1,), degree=2)) for line in lines),
         (HIGH_PASS, "", HighPass(HIGH_PASS, (*_free(gains, 0.2), *_charges(names)), 3, names=tuple(names))),
+        ("creep", "", Response("creep", _free([f"{corner:g} Hz" for corner in CREEP_CORNERS], 0.05), 0, law=_creep)),
         ("crosstalk", "", Response("crosstalk", _free(["force on acceleration"], 1e-3, "1/kg"), 2, law=_crosstalk)),
     ]
     known = {ACCELEROMETER: mechanism_of_law(RISING)}
-    said = {"crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled."}
+    said = {
+        "creep": "A share of the force is read some milliseconds late: the load cell creeps.",
+        "crosstalk": "The acceleration's channel carries a share of the force: the channels are coupled.",
+    }
     least = {"lag": SKEW}
     return [
         Family(law + more, law, (term,), known.get(law, ""), said.get(law, ""), least=least.get(law, 0.0))

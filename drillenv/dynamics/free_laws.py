@@ -43,6 +43,7 @@ FREE_LAWS: Mapping[str, str] = MappingProxyType(
         "hum": "oscillation of a channel at the frequency of the mains",
         "high-pass": "slow part of a channel that is lost",
         # which no effect of this package claims
+        "creep": "share of the force that the load cell reads late",
         "crosstalk": "force that the acceleration's channel reads",
         "position damping": "force on one body over its velocity that goes with the position",
         "drift": "force on one body that grows with the time in a recording",

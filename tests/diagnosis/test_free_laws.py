@@ -20,7 +20,7 @@ from drillenv.dynamics.free_laws import FREE_LAWS
 
 MODULES = sorted(Path(drillenv.diagnosis.__path__[0]).glob("*.py"))
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-UNCLAIMED = {"crosstalk", "position damping", "drift", "tone"}
+UNCLAIMED = {"creep", "crosstalk", "position damping", "drift", "tone"}
 
 
 def literals(source: str) -> list[str]:

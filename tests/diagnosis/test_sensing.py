@@ -395,7 +395,7 @@ def test_parameters_are_those_of_the_library():
                 assert each.low == (-each.high if effect == "channel-delay" else symbols[each.name].low)
         assert all(set(start) == {each.name for each in term.unknowns} for start in term.starts)
     assert {each.group for each in sensor_families(NAMES, RATE)} == {
-        ACCELEROMETER, "lag", "load cell", "offset", "hum", "high-pass", "crosstalk",
+        ACCELEROMETER, "lag", "load cell", "offset", "hum", "high-pass", "creep", "crosstalk",
     }  # fmt: skip
 
 
