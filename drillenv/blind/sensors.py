@@ -206,6 +206,9 @@ def hum(true: Signals, scene: Scene, p: Mapping[str, float]) -> Signals:
     swell = 1.0 + p.get("swell", 0.0) * np.sin(
         2.0 * math.pi * p.get("f_swell", 1.0) * scene.time + scene.rng.uniform(0.0, 2.0 * math.pi)
     )
+    if "swell" in p:
+        mean = float(np.mean(swell[scene.time >= 0.0]))
+        scene.realised.update({name: p[name] * mean for name in ("b_e", "b_f", "b_a")})
     read = {}
     for name, size in zip(Signals._fields, (p["b_e"], p["b_f"], p["b_a"]), strict=True):
         wave = np.sin(turned + scene.rng.uniform(-math.pi, math.pi))

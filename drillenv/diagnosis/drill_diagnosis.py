@@ -84,6 +84,15 @@ class Proof(NamedTuple):
         """Reduced chi-square before and after, None without recordings."""
         return (chi_square(self.before), chi_square(self.after)) if self.after else None
 
+    @property
+    def is_refuted(self) -> bool:
+        """Whether what was found is far off, and farther than the paper's model: so may a search end that had no time.
+
+        Of a recording that it does not follow nothing is said.
+        """
+        before, after = self.chi_squares or (0.0, 0.0)
+        return max(before, CLOSE) < after < math.inf
+
 
 @dataclass
 class Outcome:
@@ -244,6 +253,9 @@ def search(
         plain, final, steps, tested = known
         plain = reestimate_states(plain, final, pool) if steps else final
         proof = proved(fit_data, held_data, plain, final, pool)
+    if proof.is_refuted:
+        say("what was found does worse than nothing where it was not fitted, and is left out")
+        final, steps, proof = plain, [], proof._replace(after=proof.before)
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
     verdict = verdict_of(final, missing, proof.chi_squares, share)

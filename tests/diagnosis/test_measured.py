@@ -6,11 +6,11 @@ import pytest
 from drillenv.diagnosis.constants import NAMES, Constants
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.laws import DRIVE_LAG, equations, families
-from drillenv.diagnosis.measured import POINTS, Shown, _coupling, curve_of, near, unloaded
+from drillenv.diagnosis.measured import POINTS, Shown, _contact_law, _coupling, curve_of, near, unloaded
 from drillenv.diagnosis.sensing import added
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import Model, ModelStructure, OperatingPoint, Unknown
-from drillenv.dynamics.constitutive.places import INDENTER, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.constitutive.places import INDENTER, LOADING, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid import vector_field as V
 
 STIFFNESS, ENDS = 68850.0, (0.9e-3, 2.2e-3)
@@ -49,6 +49,16 @@ def test_play_is_counted_from_where_the_spring_is_as_stated():
     shown = _coupling(model, AXES, "play", (-4e-4, 4e-4))
     assert shown.x.size == POINTS
     np.testing.assert_allclose(shown.y(model), law(shown.x), atol=0.02 * STIFFNESS * 3e-4)
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.7])
+def test_a_contact_is_shown_as_deep_as_blows_go(factor):
+    """Rock softer or stiffer than stated is hit deeper or less deep than w, the force over the stated stiffness."""
+    model, top = Model(), 1e-4
+    model.s[V.KL], model.free[LOADING] = 21.4e6, np.full(GRID, np.log(factor))
+    shown = _contact_law(AXES, top, model)
+    assert shown.x[-1] == pytest.approx(top / factor)
+    np.testing.assert_allclose(shown.y(model), (factor - 1.0) * 21.4e6 * shown.x, atol=1e-6 * 21.4e6 * top)
 
 
 def test_a_gain_of_the_drive_is_shown_over_the_frequency():

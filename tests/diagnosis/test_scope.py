@@ -1,6 +1,7 @@
 """Searches that are restricted or interrupted say so, and claim nothing of what they did not look for."""
 
 import json
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -12,7 +13,7 @@ import pytest
 from drillenv import cli, diagnose
 from drillenv.checks import InputError
 from drillenv.diagnosis import drill_diagnosis
-from drillenv.diagnosis.drill_diagnosis import Outcome
+from drillenv.diagnosis.drill_diagnosis import Outcome, Proof
 from drillenv.diagnosis.drill_identification import mechanisms_of
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
@@ -94,6 +95,15 @@ def test_nothing_else_is_looked_for(schema):
         "force-limit",
     }
     jsonschema.validate(report.record, schema)
+
+
+def test_what_does_worse_than_nothing_is_refuted(monkeypatch):
+    """On recordings that were not fitted, as of a search that ended before its time; of one not followed nothing is."""
+    chi_squares: Any = {"before": 8.1, "near": 1.3, "worse": 58.8, "lost": math.inf}
+    monkeypatch.setattr(drill_diagnosis, "chi_square", lambda estimates: chi_squares[estimates])
+    refuted = {name: Proof("before", name, "recordings held out").is_refuted for name in chi_squares}  # type: ignore[arg-type]
+    assert refuted == {"before": False, "near": False, "worse": True, "lost": False}
+    assert not Proof([], [], "the one recording").is_refuted
 
 
 def test_an_interruption_of_a_second_search_keeps_the_first(monkeypatch):

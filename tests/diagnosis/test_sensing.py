@@ -416,6 +416,22 @@ def test_a_load_cell_that_rings_is_explained(corner):
     assert 1.0 - ringing < 0.4 * (1.0 - rigid), (ringing, rigid)
 
 
+@pytest.mark.parametrize("tau", [2e-3, 8e-3, 15e-3])
+def test_a_load_cell_that_creeps_is_explained(tau):
+    """A twentieth of its reading comes late, by a time constant that is none of the free law's."""
+    change = []
+    for true in dense(RATE, 16):
+        late = lfilter([-math.expm1(-1.0 / (16 * RATE * tau))], [1.0, -math.exp(-1.0 / (16 * RATE * tau))],
+                       true.force - true.force.mean()) + true.force.mean()  # fmt: skip
+        both = np.zeros((2, true.force[::16].size))
+        both[0] = 0.05 * (late - true.force)[::16]
+        change.append(both)
+    found = families()
+    assert explained(found["creep"], change) > 0.99
+    # no response above some hundreds of hertz, as of a cell that rings, is as slow
+    assert 1.0 - explained(found["creep"], change) < 0.2 * (1.0 - explained(found[RINGING], change))
+
+
 def test_a_response_that_ripples_about_one_is_level():
     """An echo of a tenth after 4 ms: its gain is 0.9 to 1.1, once every 250 Hz; with a low-pass behind it falls."""
 
