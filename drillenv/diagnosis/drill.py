@@ -90,6 +90,10 @@ def _filter_decimate(rows, taps, over, made):
     """
     half, n = taps.size // 2, rows.shape[1]
     for i in range(rows.shape[0]):
+        if not rows[i].any():
+            # derivatives of one channel by what the other does
+            made[i] = 0.0
+            continue
         for j in range(made.shape[1]):
             begin = j * over - half
             low, high = max(0, -begin), min(taps.size, n - begin)
@@ -169,7 +173,12 @@ class ShootingProblem(RecordingProblem):
         """Signals (..., 2, n) as the noise model weighs them: white noise of it has the variance 1."""
         if not self.coloured:
             return signals / np.array([each.std for each in self.noise])[:, None]
-        return np.stack([whiten(each, signals[..., i, :]) for i, each in enumerate(self.noise)], axis=-2)
+        made = np.zeros(signals.shape)
+        for i, each in enumerate(self.noise):
+            # derivatives of one channel by what the other does
+            there = signals[..., i, :].any(axis=-1)
+            made[..., i, :][there] = whiten(each, signals[..., i, :][there])
+        return made
 
     def disturbance(self, own: Floats) -> Floats | float:
         """(2, n) the lines on the channels."""

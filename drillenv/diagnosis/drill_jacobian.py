@@ -18,7 +18,7 @@ from drillenv.diagnosis.engine import Column, Raw, SensitivityColumn, Varied, eq
 from drillenv.diagnosis.laws import Curve
 from drillenv.diagnosis.solver import Floats, Quadratic
 from drillenv.diagnosis.tables import interpolate
-from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Model, Term
+from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Model, OperatingPoint, Term
 from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid.sensitivity import COUNTED, LAW, PHASE
 from drillenv.dynamics.hybrid.vector_field import F_B, V1, V2, C, K, Y
@@ -309,20 +309,21 @@ def reading_jacobian(
         return at, rows
     slow, n, begun = block.point._replace(rate=block.data.rate), block.data.force.size, int(block.data.starts[0])
 
-    def note(i: int, j: int, change: Floats) -> None:
+    def note(i: int, j: int, row: Floats) -> None:
         # what is of another recording changes nothing here
-        if change.any():
+        if row.any():
             at.append(parts[i].start - parts[first].start + j)
-            rows.append(change / STEP)
+            rows.append(row)
 
     chain, signals = block.structure.signal_chain, said
     for place, i in enumerate(chain):
         passed = terms[i].observe(values[parts[i]], signals, block.point)
-        for j, ahead in enumerate(steps_ahead(terms[i], values[parts[i]]) if i >= first else ()):
-            more = terms[i].observe(ahead, signals, block.point) - passed
+        if i >= first:
+            moved = observed_columns(terms[i], values[parts[i]], signals, passed, block.point)
             for k in chain[place + 1 :]:
-                more = terms[k].observe(values[parts[k]], more, block.point)
-            note(i, j, block.sampled(values, more))
+                moved = terms[k].observe(values[parts[k]], moved, block.point)
+            for j, row in enumerate(block.sampled(values, moved)):
+                note(i, j, row)
         signals = passed
     for i, term in enumerate(terms[first:], first):
         own = values[parts[i]]
@@ -331,13 +332,24 @@ def reading_jacobian(
             for j, ahead in enumerate(steps_ahead(term, own)):
                 more = term.add(ahead, slow, n, begun)
                 if more is not None:
-                    note(i, j, more - added)
+                    note(i, j, (more - added) / STEP)
         if type(term).kernel is not Term.kernel:
             kernels = [term.kernel(each, block.fine) for each in (own, *steps_ahead(term, own))]
             before, *others = (block.decimated(signals, each) for each in kernels)
             for j, other in enumerate(others):
-                note(i, j, other - before)
+                note(i, j, (other - before) / STEP)
     return at, rows
+
+
+def observed_columns(term: Term, own: Floats, signals: Floats, passed: Floats, point: OperatingPoint) -> Floats:
+    """(parameters, 2, n) by what a sensor makes of signals (2, n) changes with each parameter, in the solver's units.
+
+    ``passed`` (2, n) is what it makes of them.
+    """
+    exact = term.derivatives(signals, point)
+    if exact is not None:
+        return exact * term.scales[:, None, None]
+    return np.array([(term.observe(ahead, signals, point) - passed) / STEP for ahead in steps_ahead(term, own)])
 
 
 def variations(block: ShootingProblem, own: Floats, model: Model, given: Sequence[Column]) -> Varied:

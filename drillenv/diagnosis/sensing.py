@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -157,11 +157,16 @@ def _late(samples: float, half: int) -> tuple[Floats, int]:
 
 
 def _convolved(x: Floats, kernel: Floats, first: int) -> Floats:
-    """(..., n) weighted with a kernel whose first place is ``first``; beyond its ends a signal holds its value."""
+    """(..., n) weighted with a kernel whose first place is ``first``; beyond its ends a signal holds its value.
+
+    A kernel (taps,) weighs all signals, or kernels (m, taps) one signal (n,) each.
+    """
     n, start, ahead = x.shape[-1], x[..., :1], max(0, -first)
     held = np.pad(x - start, [(0, 0)] * (x.ndim - 1) + [(max(0, first), ahead)], mode="edge")
-    late = np.asarray(oaconvolve(held, kernel.reshape((1,) * (x.ndim - 1) + (-1,)), axes=-1))
-    return late[..., ahead : ahead + n] + kernel.sum() * start
+    dimensions = max(x.ndim, kernel.ndim)
+    held, taps = (each.reshape((1,) * (dimensions - each.ndim) + each.shape) for each in (held, kernel))
+    late = np.asarray(oaconvolve(held, taps, axes=-1))
+    return late[..., ahead : ahead + n] + taps.sum(axis=-1, keepdims=True) * start
 
 
 @lru_cache(256)
@@ -190,13 +195,6 @@ def broad_parts(rate: float) -> Callable[[Floats], np.ndarray]:
     return responses
 
 
-def _response(rings: tuple[Resonator, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
-    if not np.any(values):
-        return force, acceleration
-    kernels, first = _kernels(rings, rate)
-    return force, acceleration + _convolved(acceleration, values @ kernels, first)
-
-
 def _accelerometer(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
     return force, acceleration if values[0] >= NONE else _filtered(acceleration, rate, *values)
 
@@ -213,15 +211,6 @@ def _inertia(values: Floats, force: Floats, acceleration: Floats, rate: float) -
     masses = zip(values[1:], CELL_CORNERS, strict=False)
     behind = sum(mass * _filtered(acceleration, rate, corner) for mass, corner in masses if mass)
     return force + values[0] * acceleration + behind, acceleration
-
-
-def _cell(rings: tuple[Resonator, ...], values: Floats, force: Floats, acceleration: Floats, rate: float):
-    masses, own = np.split(values, [1 + len(CELL_CORNERS)])
-    carried, acceleration = _inertia(masses, force, acceleration, rate)
-    if not np.any(own):
-        return carried, acceleration
-    kernels, first = _kernels(rings, rate)
-    return carried + _convolved(force, own @ kernels, first), acceleration
 
 
 def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
@@ -244,6 +233,44 @@ class Response(Sensor):
         channels = signals[..., FORCE, :], signals[..., ACCELERATION, :]
         read = self.law(values, *channels, point.rate)
         return signals if read[0] is channels[0] and read[1] is channels[1] else np.stack(read, axis=-2)
+
+
+@dataclass(frozen=True)
+class FreeResponse(Sensor):
+    """What a channel makes of its signal: lags, low-passes and resonators, each as much as it likes.
+
+    Those of the force stand beside masses in front of the load cell, whose parameters come first.
+    """
+
+    channel: int = ACCELERATION
+    rings: tuple[Resonator, ...] = ()
+
+    @property
+    def masses(self) -> int:
+        """How many parameters are masses."""
+        return len(CELL_MASSES) if self.channel == FORCE else 0
+
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
+        """Add the parts, convolved with the signal; the signals themselves where there are none."""
+        masses, parts = np.split(values, [self.masses])
+        if not np.any(values):
+            return signals
+        read = signals.copy()
+        if np.any(masses):
+            read[..., FORCE, :] = _inertia(masses, *np.moveaxis(signals, -2, 0), point.rate)[FORCE]
+        if np.any(parts):
+            kernels, first = _kernels(self.rings, point.rate)
+            read[..., self.channel, :] += _convolved(signals[..., self.channel, :], parts @ kernels, first)
+        return read
+
+    def derivatives(self, signals: Floats, point: OperatingPoint) -> Floats:
+        """(parameters, 2, n) by what is read of signals (2, n) changes with each, whatever they are."""
+        kernels, first = _kernels(self.rings, point.rate)
+        made = np.zeros((len(self.unknowns), *signals.shape))
+        for i, mass in enumerate(np.eye(self.masses)):
+            made[i, FORCE] = _inertia(mass, *signals, point.rate)[FORCE] - signals[FORCE]
+        made[self.masses :, self.channel] = _convolved(signals[self.channel], kernels, first)
+        return made
 
 
 @dataclass(frozen=True)
@@ -564,13 +591,13 @@ def sensor_families(
     gains = [f"high-pass {corner:g} Hz {channel}" for channel, _ in CHANNELS for corner in SLOW_CORNERS]
     delays = _free([f"delay_a {name}" for name in names], 2e-5, "s")
     of_force, of_acceleration = (_with_sharp(_resonators(RESONATORS, rate), each) for each in sharp)
-    accelerometer, cell = partial(_response, of_acceleration), partial(_cell, of_force)
+    cell = FreeResponse(CELL, CELL_MASSES + _parts(of_force), 0, channel=FORCE, rings=of_force)
     found: list[tuple[str, str, Sensor]] = [
-        (ACCELEROMETER, "", Response(ACCELEROMETER, _parts(of_acceleration), 1, law=accelerometer)),
+        (ACCELEROMETER, "", FreeResponse(ACCELEROMETER, _parts(of_acceleration), 1, rings=of_acceleration)),
         ("lag", "", Response(FORCE_LAG, _free(["delay_f"], 2e-5, "s"), 3, law=_delay)),
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
-        ("load cell", " with a response of its own", Response(CELL, CELL_MASSES + _parts(of_force), 0, law=cell)),
+        ("load cell", " with a response of its own", cell),
         (OFFSET, "", added(names)),
         (OFFSET, " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),

@@ -166,6 +166,13 @@ class Term:
         """What sensors make of signals (..., 2, n), linearly."""
         return signals
 
+    def derivatives(self, signals: Floats, point: OperatingPoint) -> Floats | None:
+        """(parameters, 2, n) by what is read of signals (2, n) changes with each parameter, linear in all of them.
+
+        None where it is not, or differences are as fast.
+        """
+        return None
+
     def add(self, values: Floats, point: OperatingPoint, n: int, first: int = 0) -> Floats | None:
         """(2, n) what sensors read too much whatever the motion, ``first`` being the first sample that is simulated."""
         return None

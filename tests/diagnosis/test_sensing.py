@@ -446,3 +446,15 @@ def test_a_response_that_ripples_about_one_is_level():
     assert np.ptp(np.abs(response(term, none, np.linspace(100.0, 4000.0, 400)))) > 0.15
     assert kind_of_response(term, none, 25600.0) == LEVEL
     assert kind_of_response(term, corner, 25600.0) == FALLING
+
+
+@pytest.mark.parametrize("name", [ACCELEROMETER, RINGING])
+def test_derivatives_of_a_free_response_are_those_of_what_it_reads(name):
+    """It is linear: they are the same about any values, and those of differences of any size."""
+    term, signals = families()[name], pair(dense(RATE, 1)[0])
+    values = 0.3 * np.random.default_rng(4).normal(size=len(term.unknowns)) * term.scales
+    by = term.derivatives(signals, point(0))
+    for i in range(len(values)):
+        more = values + np.eye(len(values))[i] * term.scales[i]
+        moved = read(term, more, signals, point(0)) - read(term, values, signals, point(0))
+        np.testing.assert_allclose(by[i] * term.scales[i], moved, atol=1e-9 * np.abs(signals).max())
