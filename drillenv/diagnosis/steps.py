@@ -138,13 +138,7 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     else:
         named, other = step.named, found
     if named.equation is None and found.reduced_chi_square > CLOSE:
-        # a law with a sharp corner leaves so much, coarsely drawn, that others would be found in its place
-        sharper = with_corners(found, family)
-        if sharper.reduced_chi_square - 1.0 < SHARP * (found.reduced_chi_square - 1.0):
-            say(f"  with corners: chi-square {sharper.reduced_chi_square:.4f}")
-            found, terms = sharper, sharper.structure.current(family.terms)
-            step = replace(step, family=replace(family, terms=terms), terms=terms)
-        return replace(step, named=named, after=found)
+        return drawn_sharper(replace(step, named=named, after=found), say)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     if family.terms and (named.equation is None or other.cost > found.cost):
         finer = refined(found, family)
@@ -164,11 +158,36 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     structure = on_axes(other.structure, other.structure.rig.axes_at(other))
     # what else is missing moves a far model's minimum, so that to follow it to its end is in vain
     limits = CONVERGED if close else SHORT
-    other = other.refit(structure, limits=limits, noise=noise)
+    before, other = other, other.refit(structure, limits=limits, noise=noise)
+    if other.reduced_chi_square > before.reduced_chi_square + LEFT:
+        # impacts magnify what laws change by as they are drawn over other ranges
+        as_they_were = before.refit(limits=limits, noise=noise)
+        other = min(other, as_they_were, key=lambda each: each.reduced_chi_square)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.reduced_chi_square:.4f}")
     provisional = named.equation is not None and not close
     return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional)
+
+
+def drawn_sharper(step: Step, say: Say) -> Step:
+    """The same with corners in its law, or a finer law, where that takes most of what a far model leaves.
+
+    A law with a sharp corner leaves so much, coarsely drawn, that others would be found in its place.
+    """
+    found, family, detail = step.after, step.family, step.detail
+
+    def takes_most(sharper: Fitted) -> bool:
+        return sharper.reduced_chi_square - 1.0 < SHARP * (found.reduced_chi_square - 1.0)
+
+    sharper, curved = with_corners(found, family), any(isinstance(each, Curve | Gain) for each in family.terms)
+    if curved and not takes_most(sharper):
+        detail = DETAILS[0]
+        sharper = with_detail(found, family, detail)
+    if not takes_most(sharper):
+        return step
+    say(f"  drawn sharper: chi-square {sharper.reduced_chi_square:.4f}")
+    terms = sharper.structure.current(family.terms)
+    return replace(step, family=replace(family, terms=terms), terms=terms, after=sharper, detail=detail)
 
 
 def corrected_equation(named: Named, other: Fitted, family: Family) -> tuple[Fitted, tuple[Term, ...]]:
