@@ -453,3 +453,40 @@ def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
     named, found = name_law(free, law, 200.0)
     assert named.equation is coulomb and found.cost == 50.0
     assert [each.worse for each in named.tried] == [-50.0, 180.0]
+
+
+@pytest.mark.parametrize(
+    ("by_corners", "by_detail", "left"),
+    [(1.4, 1.2, 1.4), (4.0, 1.3, 1.3), (4.0, 3.5, 5.0)],  # corners do; detail does; neither takes most
+)
+def test_a_coarse_law_of_a_far_model_is_drawn_sharper_where_that_takes_most(monkeypatch, by_corners, by_detail, left):
+    term, drawn = Curve("waveform", ()), Curve("waveform", ("finer",))  # type: ignore[arg-type]
+
+    def made(reduced_chi_square: float) -> Any:
+        return Fake(reduced_chi_square=reduced_chi_square, structure=Fake(current=lambda _terms: (drawn,)))
+
+    monkeypatch.setattr(steps, "with_corners", lambda *_: made(by_corners))
+    monkeypatch.setattr(steps, "with_detail", lambda *_: made(by_detail))
+    family: Any = families(FLAT, [60.0, 90.0])[0]
+    begun = steps.Step(replace(family, terms=(term,)), 1e6, 8, SAMPLES, made(5.0), Named("", None), (term,), [])
+    found = steps.drawn_sharper(begun, lambda _: None)
+    assert found.after.reduced_chi_square == left
+    assert found.terms == found.family.terms == ((drawn,) if left < 5.0 else (term,))
+    assert found.detail == (resolution.DETAILS[0] if left == by_detail else begun.detail)
+
+
+@pytest.mark.parametrize(("moved", "stayed", "ends"), [(1.05, 1.3, 1.05), (3250.0, 1.2, 1.2)])
+def test_a_fit_over_other_ranges_that_ends_worse_is_not_kept(monkeypatch, moved, stayed, ends):
+    class Ends:
+        reduced_chi_square, noise = 1.04, ()
+        structure: Any = Fake(rig=Fake(noise_left=lambda _: (), axes_at=lambda _: None))
+        fit = Fake(shared=np.zeros(3))
+
+        def refit(self, structure=None, **_):
+            return Fake(reduced_chi_square=stayed if structure is None else moved)
+
+    monkeypatch.setattr(steps, "on_axes", lambda structure, axes: structure)
+    family: Any = Fake(terms=(), constant="another mass")
+    begun = steps.Step(family, 1e3, 1, SAMPLES, None, Named("mass", None), (), [])  # type: ignore[arg-type]
+    found = steps.identify_equation(Ends(), begun, lambda _: None)  # type: ignore[arg-type]
+    assert found.after.reduced_chi_square == ends
