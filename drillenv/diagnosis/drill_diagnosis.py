@@ -187,7 +187,9 @@ class SecondLook(NamedTuple):
     campaign: Campaign
     labels: list[Label]
     why: str
+    """What calls its labels in question, a clause."""
     how: str
+    """With or without what it is searched, in words."""
 
 
 def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -> SecondLook | None:

@@ -255,9 +255,9 @@ class FreeResponse(Sensor):
         masses, parts = np.split(values, [self.masses])
         if not np.any(values):
             return signals
-        read = signals.copy()
+        read, force, acceleration = signals.copy(), signals[..., FORCE, :], signals[..., ACCELERATION, :]
         if np.any(masses):
-            read[..., FORCE, :] = _inertia(masses, *np.moveaxis(signals, -2, 0), point.rate)[FORCE]
+            read[..., FORCE, :] = _inertia(masses, force, acceleration, point.rate)[FORCE]
         if np.any(parts):
             kernels, first = _kernels(self.rings, point.rate)
             read[..., self.channel, :] += _convolved(signals[..., self.channel, :], parts @ kernels, first)
@@ -266,9 +266,13 @@ class FreeResponse(Sensor):
     def derivatives(self, signals: Floats, point: OperatingPoint) -> Floats:
         """(parameters, 2, n) by what is read of signals (2, n) changes with each, whatever they are."""
         kernels, first = _kernels(self.rings, point.rate)
-        made = np.zeros((len(self.unknowns), *signals.shape))
+        made, force, acceleration = (
+            np.zeros((len(self.unknowns), *signals.shape)),
+            signals[FORCE],
+            signals[ACCELERATION],
+        )
         for i, mass in enumerate(np.eye(self.masses)):
-            made[i, FORCE] = _inertia(mass, *signals, point.rate)[FORCE] - signals[FORCE]
+            made[i, FORCE] = _inertia(mass, force, acceleration, point.rate)[FORCE] - force
         made[self.masses :, self.channel] = _convolved(signals[self.channel], kernels, first)
         return made
 
