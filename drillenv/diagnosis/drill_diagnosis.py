@@ -113,6 +113,8 @@ class Outcome:
     """What was being done as the diagnosis was interrupted; empty where it was not."""
     unusable: Sequence[str] = ()
     """Sentences on recordings that were left out once labels had been corrected."""
+    refuted: Sequence[str] = ()
+    """Mechanisms that were found, and are left out for what they do on recordings that took no part in the fit."""
 
     @property
     def mechanisms(self) -> list[Step]:
@@ -255,13 +257,16 @@ def search(
         plain, final, steps, tested = known
         plain = reestimate_states(plain, final, pool) if steps else final
         proof = proved(fit_data, held_data, plain, final, pool)
-    if proof.is_refuted:
+    refuted = [step.named.mechanism for step in mechanisms_of(steps)] if proof.is_refuted else []
+    if refuted:
         say("what was found does worse than nothing where it was not fitted, and is left out")
         final, steps, proof = plain, [], proof._replace(after=proof.before)
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
     verdict = verdict_of(final, missing, proof.chi_squares, share)
-    return Outcome(verdict, fit_data, plain, final, missing, tested, proof, share, [], progress.stopped)
+    return Outcome(
+        verdict, fit_data, plain, final, missing, tested, proof, share, [], progress.stopped, refuted=refuted
+    )
 
 
 def selected(

@@ -225,6 +225,9 @@ def where(outcome: Outcome, cells: list[dict[str, Any]]) -> dict[str, Any]:
         nearest = " and ".join(step.named.mechanism for step in outcome.mechanisms)
         share = 100.0 * max(outcome.explained.share, 0.0)
         text += f" {nearest} comes nearest, with {share:.2g} % of it on {outcome.explained.of}."
+    if outcome.refuted:
+        found = " and ".join(outcome.refuted)
+        text += f" What was found, {found}, makes {outcome.explained.of} worse than they are without, and is left out."
     return {
         "balance": "contact" if channel == "force" and regime != "no contact" else "indenter",
         "regimes": [regime],

@@ -4,6 +4,7 @@ import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, cast
 
 import jsonschema
@@ -15,6 +16,8 @@ from drillenv.checks import InputError
 from drillenv.diagnosis import drill_diagnosis
 from drillenv.diagnosis.drill_diagnosis import Outcome, Proof
 from drillenv.diagnosis.drill_identification import mechanisms_of
+from drillenv.diagnosis.drill_report import where
+from drillenv.diagnosis.evidence import cell
 from drillenv.diagnosis.laws import families
 from drillenv.diagnosis.page import sentence
 from drillenv.diagnosis.progress import EXTENDING, FITTING, PROVING, SEARCHING, Known, OutOfTime, Progress, Timed, span
@@ -104,6 +107,16 @@ def test_what_does_worse_than_nothing_is_refuted(monkeypatch):
     refuted = {name: Proof("before", name, "recordings held out").is_refuted for name in chi_squares}  # type: ignore[arg-type]
     assert refuted == {"before": False, "near": False, "worse": True, "lost": False}
     assert not Proof([], [], "the one recording").is_refuted
+
+
+def test_what_was_refuted_is_said():
+    explained: Any = SimpleNamespace(of="recordings held out")
+    outcome = Outcome("unexplained", [], *[None] * 2, [], *[None] * 2, explained, [], refuted=["air-spring"])  # type: ignore[arg-type]
+    text = where(outcome, [cell("r01", "force", "loading", np.full(40, 9.0))])["summary"]
+    assert text == (
+        "Most of what is left is in the force, loading. What was found, air-spring, makes recordings held out worse "
+        "than they are without, and is left out."
+    )
 
 
 def test_an_interruption_of_a_second_search_keeps_the_first(monkeypatch):
