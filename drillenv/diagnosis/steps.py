@@ -288,14 +288,16 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
     """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
 
     What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
-    that follows an equation to the noise leaves nothing that a rival could do better. Where the step's law follows
-    none, a rival's may: its equations are tried unless it is worse by more than their fewer parameters are worth.
+    that follows an equation to the noise leaves nothing that a rival could do better, but for one that has explained
+    more by more parameters, of which its equations have fewer. Where the step's law follows none, a rival's may: its
+    equations are tried unless it is worse by more than their fewer parameters are worth.
     """
     for step in steps:
-        follows = step.named.equation is not None and fitted.reduced_chi_square < 1.0 + LEFT
-        if step.family.constant or step.corrects or follows:
+        if step.family.constant or step.corrects:
             continue
-        close = [family for family, worse in step.rivals if worse < LAW_LEFT * step.gain]
+        follows = step.named.equation is not None and fitted.reduced_chi_square < 1.0 + LEFT
+        most = -EQUAL if follows else LAW_LEFT * step.gain
+        close = [family for family, worse in step.rivals if worse < most]
         step.rivals = [each for each in step.rivals if each[0] not in close]
         rest, begun = without(fitted, step.terms)
         for family in close:

@@ -118,19 +118,11 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
     assert found.corrects == corrects
 
 
-@pytest.mark.parametrize(
-    ("worse", "by_equation", "taken", "alike"),
-    [
-        (-30.0, None, True, True),  # explains more by its own law
-        (0.3, 0.5, True, True),  # as much by its law, with one parameter by an equation
-        (0.3, None, False, True),  # as much, and follows none either
-        (15.0, 15.2, True, False),  # a little less, which fewer parameters are worth
-        (60.0, 60.1, False, False),
-    ],
-)
-def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_well(
-    monkeypatch, worse, by_equation, taken, alike
-):
+def after_exchange(monkeypatch, worse: float, by_equation: float | None, rivalled: float, follows: object = None):
+    """A step beside a rival that came so much ``rivalled`` after it, its name before, and the fit with the rival's law.
+
+    With the rival's law in its place the fit is ``worse``, with an equation for that ``by_equation``.
+    """
     size, others = 5, 10
     equation: Any = Fake(name="quadratic", effect="damping-quadratic", unknowns=(0,))
     rival: Any = Fake(name="damper", group="damper", constant="", mechanism="damping-quadratic", size=size)
@@ -163,18 +155,49 @@ def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_we
                    others + (size if by_equation is None else 1))  # fmt: skip
         return Fake(after=after, named=named, terms=(), pending=False, provisional=False)
 
-    fitted: Any = Costs(Ended(np.zeros(others + size), 1000.0))
+    own_size = size if follows is None else 2
+    fitted: Any = Costs(Ended(np.zeros(others + own_size), 1000.0))
     monkeypatch.setattr(steps, "without", lambda *_: (Fake(), np.zeros(others)))
     monkeypatch.setattr(steps, "with_more", lambda *_: (Fake(), np.zeros(others + size)))
     monkeypatch.setattr(steps, "refined", lambda other, family: other)
     monkeypatch.setattr(steps, "accept", accepted)
     own: Any = Fake(name="indenter", group="indenter", constant="", mechanism="indenter-friction")
-    there = steps.Step(own, 300.0, size, SAMPLES, fitted, Named("indenter-friction", None), (), [(rival, 0.0)])
-    named = there.named
-    found = steps.exchanged(fitted, [there], lambda _: None)
+    named: Any = Named("indenter-friction", follows)  # type: ignore[arg-type]
+    there = steps.Step(own, 300.0, size, SAMPLES, fitted, named, (), [(rival, rivalled)])
+    return there, named, steps.exchanged(fitted, [there], lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("worse", "by_equation", "taken", "alike"),
+    [
+        (-30.0, None, True, True),  # explains more by its own law
+        (0.3, 0.5, True, True),  # as much by its law, with one parameter by an equation
+        (0.3, None, False, True),  # as much, and follows none either
+        (15.0, 15.2, True, False),  # a little less, which fewer parameters are worth
+        (60.0, 60.1, False, False),
+    ],
+)
+def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_well(
+    monkeypatch, worse, by_equation, taken, alike
+):
+    there, named, found = after_exchange(monkeypatch, worse, by_equation, 0.0)
     assert (found is not None) == taken
     assert (there.named.mechanism == "damping-quadratic") == taken
     assert ("damping-quadratic" in named.alike) == alike
+
+
+@pytest.mark.parametrize(
+    ("rivalled", "by_equation", "taken"),
+    [
+        (-45.0, -22.0, True),  # explained more by more parameters, and still does by one
+        (-45.0, 30.0, False),  # the more was what its many parameters take up
+        (-3.0, -22.0, False),  # not told apart at that step: what follows an equation to the noise stays
+    ],
+)
+def test_a_rival_that_explained_more_takes_the_place_of_an_equation(monkeypatch, rivalled, by_equation, taken):
+    there, _named, found = after_exchange(monkeypatch, -45.0, by_equation, rivalled, follows="delay")
+    assert (found is not None) == taken
+    assert there.named.mechanism == ("damping-quadratic" if taken else "indenter-friction")
 
 
 @pytest.mark.parametrize(("gain", "equation", "corrects"), [(5e3, None, True), (2e5, None, False), (5e3, "one", False)])
