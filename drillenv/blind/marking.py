@@ -159,11 +159,13 @@ def _agree(answer: Mapping[str, Any], made: Mapping[str, Any], laws: Mapping[str
     return True
 
 
-def _laws(answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None]) -> dict[str, float]:
-    """For each mechanism with a curve that was named: the error of the curve found, by the first rules."""
+def _laws(
+    answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None], which: str = "law"
+) -> dict[str, float]:
+    """For each mechanism with a curve that was named: the error of the curve found, by itself as by the first rules."""
     where = curves.Reference(**answer["reference"])
     errors = {}
-    for each, finding, x, true in _curves(answer, matched):
+    for each, finding, x, true in _curves(answer, matched, which):
         with suppress(*UNREADABLE):
             found = curves.reported(finding, x, where, tuple(answer["conditions"]["noise"]))
             if found is not None:
@@ -175,13 +177,7 @@ def _laws_revised(
     answer: Mapping[str, Any], matched: Mapping[str, Mapping[str, Any] | None], report: Mapping[str, Any]
 ) -> dict[str, float]:
     """The same by the revised rules: of laws beside a constant of the rig, and of those that differ by recording."""
-    where, noise = curves.Reference(**answer["reference"]), tuple(answer["conditions"]["noise"])
-    errors = {}
-    for each, finding, x, true in _curves(answer, matched, "law_realised"):
-        with suppress(*UNREADABLE):
-            found = curves.reported(finding, x, where, noise)
-            if found is not None:
-                errors[each] = curves.law_error(each, x, true, found)
+    errors = _laws(answer, matched, "law_realised")
     for each, finding, x, true in _curves(answer, matched):
         with suppress(*UNREADABLE):
             found = beside_true_constant(answer, report, each, finding, x, true)

@@ -91,7 +91,7 @@ def _filter_decimate(rows, taps, over, made):
     half, n = taps.size // 2, rows.shape[1]
     for i in range(rows.shape[0]):
         if not rows[i].any():
-            # derivatives of one channel by what the other does
+            # most columns of the Jacobian are zero on one of the channels
             made[i] = 0.0
             continue
         for j in range(made.shape[1]):
@@ -175,7 +175,7 @@ class ShootingProblem(RecordingProblem):
             return signals / np.array([each.std for each in self.noise])[:, None]
         made = np.zeros(signals.shape)
         for i, each in enumerate(self.noise):
-            # derivatives of one channel by what the other does
+            # most columns of the Jacobian are zero on one of the channels
             there = signals[..., i, :].any(axis=-1)
             made[..., i, :][there] = whiten(each, signals[..., i, :][there])
         return made

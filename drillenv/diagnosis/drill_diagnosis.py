@@ -200,7 +200,7 @@ def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -
     With a pressure as it was stated, where it was corrected and the model that was found puts it back: what is missing
     may take a recording off the line of the others. Or else without a recording that alone is not explained.
     """
-    back = pressure_put_back(labels, outcome)
+    back = contradicted_correction(labels, outcome)
     if back is not None:
         as_stated = replace(back, seems=back.stated)
         every = (relabelled(each, as_stated) if each.name == back.recording else each for each in campaign.recordings)
@@ -218,7 +218,7 @@ def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -
     return SecondLook(replace(campaign, recordings=rest), [*others, set_aside], why, f"without {alone}")
 
 
-def pressure_put_back(labels: Sequence[Label], outcome: Outcome) -> Label | None:
+def contradicted_correction(labels: Sequence[Label], outcome: Outcome) -> Label | None:
     """A corrected pressure that a fit puts nearer to what was stated than to what it was corrected to."""
     corrected = [each for each in labels if each.field == "pressure"]
     found = {each.recording: float(each.seems) for each in mislabelled_pressures_by_fit(outcome)} if corrected else {}

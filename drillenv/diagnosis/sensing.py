@@ -218,8 +218,11 @@ def _crosstalk(values: Floats, force: Floats, acceleration: Floats, rate: float)
 
 
 def _creep(values: Floats, force: Floats, acceleration: Floats, rate: float) -> tuple[Floats, Floats]:
-    shares = [(share, corner) for share, corner in zip(values, CREEP_CORNERS, strict=True) if share]
-    return force + sum(share * (_filtered(force, rate, corner) - force) for share, corner in shares), acceleration
+    if not np.any(values):
+        return force, acceleration
+    shares = zip(values, CREEP_CORNERS, strict=True)
+    late = sum(share * (_filtered(force, rate, corner) - force) for share, corner in shares if share)
+    return force + late, acceleration
 
 
 @dataclass(frozen=True)
@@ -266,13 +269,10 @@ class FreeResponse(Sensor):
     def derivatives(self, signals: Floats, point: OperatingPoint) -> Floats:
         """(parameters, 2, n) by what is read of signals (2, n) changes with each, whatever they are."""
         kernels, first = _kernels(self.rings, point.rate)
-        made, force, acceleration = (
-            np.zeros((len(self.unknowns), *signals.shape)),
-            signals[FORCE],
-            signals[ACCELERATION],
-        )
+        made = np.zeros((len(self.unknowns), *signals.shape))
         for i, mass in enumerate(np.eye(self.masses)):
-            made[i, FORCE] = _inertia(mass, force, acceleration, point.rate)[FORCE] - force
+            carried, _acceleration = _inertia(mass, signals[FORCE], signals[ACCELERATION], point.rate)
+            made[i, FORCE] = carried - signals[FORCE]
         made[self.masses :, self.channel] = _convolved(signals[self.channel], kernels, first)
         return made
 
@@ -502,7 +502,7 @@ def _own(effect: str, scales: dict[str, float], at: dict[str, float]) -> tuple[U
 
 
 def _resonators(count: int, rate: float, ratio: float = BROAD) -> tuple[Resonator, ...]:
-    # of one above half the rate, whose foot is seen, the same parts are made at the fine rate
+    # the lower flank of a mode above the Nyquist frequency is seen; its parts are computed at the fine rate
     return tuple(Resonator(float(each), ratio) for each in np.geomspace(1500.0, 7500.0, count) if each <= 0.6 * rate)
 
 
