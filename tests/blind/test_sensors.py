@@ -139,4 +139,4 @@ def test_a_transducer_says_what_it_drew_for_a_recording(mechanism, name, paramet
         assert told.realised["o_f"] != parameters["o_f"]
     else:
         late = np.sin(2.0 * math.pi * 160.0 * (TIME - told.realised["delay_a"]))
-        np.testing.assert_allclose(read.acceleration[2000:-2000], late[2000:-2000], atol=1e-4)
+        np.testing.assert_allclose(read.acceleration[2000:-2000], late[2000:-2000], atol=5e-6)
