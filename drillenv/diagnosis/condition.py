@@ -256,6 +256,15 @@ def _apart(time: np.ndarray, omega: float) -> list[float]:
     return [each for each in MAINS if min(abs(each - tone), abs(2 * each - tone)) * longest >= IN_STEP]
 
 
+def is_near_mains(data: Conditioned) -> bool:
+    """Whether a hum on the excitation's channel is not told from the excitation: what is read of that may have it in.
+
+    Mains drift away from it by less than half a turn.
+    """
+    tone, longest = data.omega / (2 * math.pi), data.force.size / data.rate
+    return any(abs(each - tone) * longest < IN_STEP for each in MAINS)
+
+
 def _sines(time: np.ndarray, omega: float, orders: Sequence[int]) -> list[np.ndarray]:
     """(n,) sine and cosine of each order of a frequency in rad/s."""
     return [wave(order * omega * time) for order in orders for wave in (np.sin, np.cos)]

@@ -1,9 +1,9 @@
-"""The paper's model as a term: the rig's and the rock's constants with their priors, and the logger's common filter."""
+"""The paper's model as terms: the rig's and the rock's constants with their priors, and what the logger makes of it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,7 +14,7 @@ from scipy.special import erfc
 from drillenv.corrected import RIG_CONSTANTS, ROCK_CONSTANTS
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes
-from drillenv.diagnosis.terms import REACH, Model, OperatingPoint, Term, Unknown
+from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, Model, OperatingPoint, Term, Unknown
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig, Setting
@@ -23,6 +23,8 @@ NAMES = RIG_CONSTANTS + ROCK_CONSTANTS
 TRANSITION = 0.07
 """Share of the sample rate over which filters of linear phase fall from 76 % to 8 %: short ones need more, and steep
 ones act above what is fitted."""
+HUM = 0.01
+"""Of the excitation, standard deviation of a hum that may be on its channel: cables of a lab pick up some mV."""
 CORNER = 0.415
 """Share of the sample rate at which anti-alias filters have their corner: between 0.38 and 0.45 as a rule."""
 
@@ -57,6 +59,44 @@ def constants(nominal: Mapping[str, Nominal]) -> Constants:
         low, high = 0.3 * value, 3.0 * value
         unknowns.append(Unknown(name, value, std, std, low, high, nominal[name].unit))
     return Constants("constants", tuple(unknowns))
+
+
+@dataclass(frozen=True)
+class Misread(Term):
+    """By what the drive is off the excitation that was read, in recordings where a hum is not told from that.
+
+    The share by which its force is larger and the rad by which it is ahead, of each.
+    """
+
+    names: tuple[str, ...] = ()
+    """Recordings in a fit."""
+    near: tuple[str, ...] = ()
+    """All such recordings, those that are held out included."""
+    common = 0
+
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
+        """Correct the drive of a recording."""
+        if point.name in self.names:
+            share, ahead = values.reshape(-1, 2)[self.names.index(point.name)]
+            model.s[V.F_A] *= 1.0 + share
+            model.s[DRIVE_PHASE] += ahead
+
+    def of_recording(self, name: str, values: Floats) -> tuple[Misread, Floats]:
+        """The same with what one recording is off; without any where it is not near to the mains."""
+        own = np.zeros(2)
+        if name in self.names:
+            own = values.reshape(-1, 2)[self.names.index(name)]
+        names = (name,) if name in self.near else ()
+        return misread(names, self.near), own[: 2 * len(names)]
+
+
+def misread(names: Iterable[str], near: Iterable[str]) -> Misread:
+    """Of these recordings, of which all that are ``near`` to the mains have an excitation that may hum."""
+    names = tuple(names)
+    parts = (("share", "1"), ("phase", "rad"))
+    unknowns = (Unknown(f"excitation of {name}, {part}", 0.0, HUM, HUM, unit=unit)
+                for name in names for part, unit in parts)  # fmt: skip
+    return Misread("excitation", tuple(unknowns), names, tuple(near))
 
 
 @lru_cache(maxsize=16)

@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from drillenv.checks import InputError
 from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, relabelled, with_labels_corrected
-from drillenv.diagnosis.condition import Conditioned, conditioned, without_unusable
-from drillenv.diagnosis.constants import NAMES, constants, logger
+from drillenv.diagnosis.condition import Conditioned, conditioned, is_near_mains, without_unusable
+from drillenv.diagnosis.constants import NAMES, constants, logger, misread
 from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_noise import noise_left, noise_of, quietest, with_lines_left
 from drillenv.diagnosis.drill_prediction import (
@@ -243,11 +243,12 @@ def search(
     held = held_out(data)
     fit_data = [each for i, each in enumerate(data) if i not in held]
     held_data = [each for i, each in enumerate(data) if i in held]
+    near = [each.name for each in data if is_near_mains(each)]
     # recordings are fitted side by side: a second layer of threads in the linear algebra would only get in the way
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
         progress = Progress(say, within)
         try:
-            known = selected(campaign, fit_data, Timed(pool, progress), progress, scope)
+            known = selected(campaign, fit_data, Timed(pool, progress), progress, scope, near)
         except KeyboardInterrupt as interrupted:
             if progress.known is None or not (interruptible or isinstance(interrupted, OutOfTime)):
                 raise
@@ -270,12 +271,17 @@ def search(
 
 
 def selected(
-    campaign: Campaign, data: Sequence[Conditioned], pool: Executor, progress: Progress, scope: Scope | None = None
+    campaign: Campaign,
+    data: Sequence[Conditioned],
+    pool: Executor,
+    progress: Progress,
+    scope: Scope | None = None,
+    near: Sequence[str] = (),
 ) -> Known:
-    """Families found on stretches of the recordings, then on all of them."""
+    """Families found on stretches of the recordings, then on all of them; ``near`` as of :func:`plain_fit`."""
     say = progress.say
     progress.stage(FITTING)
-    begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool)
+    begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool, near)
     begun = replace(begun, structure=replace(begun.structure, scope=scope))
     say(f"reduced chi-square {begun.reduced_chi_square:.3f}")
     progress.keep(begun, begun, [], ScoreTests([], 1.0))
@@ -388,10 +394,18 @@ def held_out(data: Sequence[Any]) -> set[int]:
     return {choice[round((j + 0.5) * len(choice) / count - 0.5)] for j in range(count)}
 
 
-def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor) -> Fitted:
-    """The paper's model with its constants, and the noise as it shows by that."""
+def plain_fit(
+    campaign: Campaign, data: Sequence[Conditioned], pool: Executor, near: Sequence[str] = ()
+) -> Fitted:
+    """The paper's model with its constants, and the noise as it shows by that.
+
+    Of recordings ``near`` to the mains, by name, the excitation may be misread.
+    """
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
-    structure = ModelStructure((constants(campaign.nominal), logger()), flat, DRILL)
+    terms = [constants(campaign.nominal), logger()]
+    if near:
+        terms.append(misread((each.name for each in data if each.name in near), near))
+    structure = ModelStructure(tuple(terms), flat, DRILL)
     blocks = [ShootingProblem(each, structure, RELAXED, noise_of(each)) for each in data]
     limits = Limits(10, 1.0, 0.05)
     found = fit_to(blocks, [first_states(each) for each in data], structure, None, pool, limits)

@@ -38,7 +38,7 @@ from drillenv.diagnosis.thresholds import (
     SEVERAL,
 )
 
-CANDIDATES = 3
+CANDIDATES = 5
 """Families that are fitted side by side at each step."""
 BEYOND_DOUBT = 20.0
 """Times what it has to gain from which a family is not left out for a try."""
@@ -83,11 +83,11 @@ def is_strained(fitted: Fitted) -> bool:
 
 
 def from_strengths(fitted: Fitted, score: Score, limits: Limits) -> Fitted:
-    """The fit with one more family that has states, from none of it and from as much as its score test says.
+    """The fit with one more family that has states, from strengths of its own, or from none and as its score test says.
 
     With none of it, its frequency or time constant changes nothing.
     """
-    strengths = dict.fromkeys((0.0, max(score.strength, score.family.unknowns[0].low)))
+    strengths = score.family.strengths or {0.0, max(score.strength, score.family.unknowns[0].low)}
     return min((with_family(fitted, score.family, limits, each) for each in strengths), key=lambda each: each.cost)
 
 
@@ -327,7 +327,7 @@ def refine_candidates(
     half = 0.5 * (fitted.cost + 0.5 * fitted.residual_dof)
     most_is_left = fitted.reduced_chi_square > CLOSE and (best is None or best.cost > half)
     for each in chosen:
-        strong = each.family.has_states and most_is_left
+        strong = each.family.has_states and (most_is_left or bool(each.family.strengths))
         found = from_strengths(fitted, each, SHORT) if strong else short_fit(fitted, each.family)
         fits.append((each, found))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")

@@ -1,5 +1,7 @@
 """First guesses: what sensors show that is not of the rock, and where windows begin."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import upfirdn
@@ -14,6 +16,7 @@ from drillenv.diagnosis.condition import (
     fit_excitation,
     flight_reading,
     flights,
+    is_near_mains,
     thin,
     thinning,
 )
@@ -204,3 +207,9 @@ def test_mains_beside_the_excitation_are_not_taken_for_a_part_of_it(mains):
     # standard deviations by the noise alone: 2.4e-5 V, and twice 4.7e-5 rad with the frequency free
     assert abs(amplitude - 0.5) < 2e-4 and abs(phase - 0.4) < 1e-3
     assert abs(omega / (2 * np.pi) - frequency) < 1e-3
+
+
+@pytest.mark.parametrize(("frequency", "near"), [(60.4, True), (59.1, True), (61.6, False), (100.2, False), (49.2, True)])
+def test_an_excitation_is_near_the_mains_where_these_drift_by_less_than_half_a_turn(frequency, near):
+    data = SimpleNamespace(omega=2.0 * np.pi * frequency, force=np.zeros(12800), rate=25600.0)
+    assert is_near_mains(data) is near
