@@ -353,8 +353,8 @@ class Family:
     """A constant of the paper's model that need not be as stated: no mechanism is missing, and there is no term."""
     least: float = 0.0
     """Below which its largest parameter is within what sensors are off anyway, in its unit."""
-    strengths: tuple[float, ...] = ()
-    """Values of its first parameter at which its fit is begun as well: dry friction that is too weak slides where the
+    strong: float = 0.0
+    """Where not 0, value of its first parameter from which it is fitted: dry friction that is too weak slides where the
     true one sticks, and the likelihood has a minimum for each stop that is missed; from above it falls smoothly."""
 
     @property
@@ -494,8 +494,8 @@ def _presliding() -> list[Family]:
         simplest = min(giving, key=lambda each: len(each.unknowns))
         strength = simplest.unknowns[0]._replace(value=LEAST_FRICTION)
         term = StrengthOnly(f"{simplest.name}, strength only", (strength,), simplest.effect, simplest.form, True)
-        strengths = tuple(start[0] for start in simplest.form.starts)
-        found.append(Family(f"presliding {group}", group, (term,), strengths=strengths))
+        strong = max(start[0] for start in simplest.form.starts)
+        found.append(Family(f"presliding {group}", group, (term,), strong=strong))
     return found
 
 

@@ -83,12 +83,26 @@ def is_strained(fitted: Fitted) -> bool:
 
 
 def from_strengths(fitted: Fitted, score: Score, limits: Limits) -> Fitted:
-    """The fit with one more family that has states, from strengths of its own, or from none and as its score test says.
+    """The fit with one more family that has states, from none of it and from as much as its score test says.
 
     With none of it, its frequency or time constant changes nothing.
     """
-    strengths = score.family.strengths or {0.0, max(score.strength, score.family.unknowns[0].low)}
+    strengths = dict.fromkeys((0.0, max(score.strength, score.family.unknowns[0].low)))
     return min((with_family(fitted, score.family, limits, each) for each in strengths), key=lambda each: each.cost)
+
+
+def from_above(fitted: Fitted, family: Family) -> Fitted:
+    """A short fit with one more family, from the strength at which it is begun; of joined windows the better of two.
+
+    By way of free windows states come to suit that strength, and end elsewhere than those that stay joined.
+    """
+    found = with_family(fitted, family, SHORT, family.strong)
+    if fitted.slack > TIGHT:
+        return found
+    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
+    start[-family.size] = family.strong / family.unknowns[0].scale
+    freed = with_continuity_relaxed(fitted, structure, start, states_first=True)
+    return freed if freed.slack == TIGHT and freed.cost < found.cost else found
 
 
 def candidates(fitted: Fitted) -> list[Family]:
@@ -260,12 +274,13 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
 def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps: Sequence[Step] = ()) -> Step | None:
     """The family that explains most once fitted, beside ``steps`` so far; None where that is no more than chance."""
     resonant = [each for each in chosen if each.family.has_states]
-    fits = refine_candidates(fitted, [each for each in chosen if not each.family.has_states], say)
+    promised = chosen[0].gain
+    fits = refine_candidates(fitted, [each for each in chosen if not each.family.has_states], say, promised)
     if fits and explains_all(fits[0][1], fitted):
         # in a model that is nearly right, one that promises as much is its equal
-        resonant = [each for each in resonant if each.gain >= NEAR * chosen[0].gain]
+        resonant = [each for each in resonant if each.gain >= NEAR * promised]
     if resonant:
-        found = refine_candidates(fitted, resonant, say, fits[0][1] if fits else None)
+        found = refine_candidates(fitted, resonant, say, promised, fits[0][1] if fits else None)
         fits += [(each, other) for each, other in found if strength_shows(each.family, other)]
         fits.sort(key=lambda pair: penalised(*pair, fitted))
     fits = [(each, other) for each, other in fits if is_material(each.family, other)]
@@ -320,15 +335,22 @@ def explains_all(other: Fitted, fitted: Fitted) -> bool:
 
 
 def refine_candidates(
-    fitted: Fitted, chosen: Sequence[Score], say: Say, best: Fitted | None = None
+    fitted: Fitted, chosen: Sequence[Score], say: Say, promised: float, best: Fitted | None = None
 ) -> list[tuple[Score, Fitted]]:
-    """Short fits of families, of which those near to the ``best`` fit so far are followed to their ends."""
+    """Short fits of families, of which those near to the ``best`` fit so far are followed to their ends.
+
+    The best score test's gain is ``promised``.
+    """
     fits: list[tuple[Score, Fitted]] = []
     half = 0.5 * (fitted.cost + 0.5 * fitted.residual_dof)
     most_is_left = fitted.reduced_chi_square > CLOSE and (best is None or best.cost > half)
     for each in chosen:
-        strong = each.family.has_states and (most_is_left or bool(each.family.strengths))
-        found = from_strengths(fitted, each, SHORT) if strong else short_fit(fitted, each.family)
+        if each.family.strong and each.gain >= NEAR * promised:
+            found = from_above(fitted, each.family)
+        elif each.family.has_states and most_is_left:
+            found = from_strengths(fitted, each, SHORT)
+        else:
+            found = short_fit(fitted, each.family)
         fits.append((each, found))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:

@@ -18,9 +18,9 @@ from drillenv.diagnosis.drill_diagnosis import STRETCH, diagnose_drill, nominal_
 from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
 from drillenv.diagnosis.drill_report import corrected, record_of, waves
 from drillenv.diagnosis.drill_rig import DRILL
-from drillenv.diagnosis.fitting import SHORT
+from drillenv.diagnosis.fitting import SHORT, TIGHT
 from drillenv.diagnosis.score_tests import PEAKS, Batch, at_peaks, information, score_tests
-from drillenv.diagnosis.selection import from_strengths
+from drillenv.diagnosis.selection import from_above, from_strengths, short_fit
 from drillenv.diagnosis.thresholds import LEFT
 
 pytestmark = pytest.mark.slow
@@ -96,6 +96,19 @@ def test_a_mount_is_looked_for_where_it_resonates():
         assert gain == pytest.approx(1.0 / 67.0, rel=0.05)
         assert math.exp(frequency) == pytest.approx(1.0 / (2.0 * math.pi * math.sqrt(3.4e-8 * 67.0)), rel=0.01)
         assert ratio == pytest.approx(0.065, rel=0.1)
+
+
+def test_dry_friction_is_fitted_from_above():
+    """From below its fit ends at a minimum of its own, where the mass slides on."""
+    hidden = concealing("guide-friction", 2, f_c=45.0, f_s=45.0, v_s=1.0, sigma=9e7, sigma_1=0.0)
+    campaign = plain_campaign(np.random.default_rng(26), 4, hidden, recordings=5, seconds=0.25).campaign
+    data = [condition(each, nominal_rig(campaign)).first(STRETCH) for each in campaign.recordings]
+    with ThreadPoolExecutor(2) as pool:
+        plain = plain_fit(campaign, data, pool)
+        (family,) = (each for each in DRILL.candidates(plain) if each.name == "presliding guide")
+        below, above = short_fit(plain, family), from_above(plain, family)
+    assert above.slack == TIGHT and above.cost < below.cost - 10.0
+    assert above.values_of(family.terms[0].name)[0] == pytest.approx(45.0, rel=0.1)
 
 
 def test_an_excitation_that_is_misread_near_the_mains_is_corrected_in_its_recording():
