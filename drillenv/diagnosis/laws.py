@@ -382,6 +382,11 @@ class Family:
         """Whether it has states of its own."""
         return any(term.has_states for term in self.terms)
 
+    @property
+    def partly_own(self) -> bool:
+        """Whether some of its parameters are each recording's own, and others those of all recordings."""
+        return any(term.partly_own for term in self.terms)
+
 
 @dataclass(frozen=True)
 class FreeLaws:

@@ -31,8 +31,6 @@ class Score(NamedTuple):
     """The gain on recordings that are left out: see :meth:`Information.cross_validated_gain`."""
     strength: float = 0.0
     """By which the first parameter moves in a step of Newton's, in its unit, where the family has states."""
-    shared: bool = False
-    """Whether it has parameters of which more than one recording says something."""
 
     @property
     def size(self) -> int:
@@ -44,9 +42,10 @@ class Score(NamedTuple):
         """Whether recordings that are left out gain too.
 
         Parameters that each recording has of its own, and those that one recording alone tells, gain nothing elsewhere:
-        of these it is enough that others lose next to nothing.
+        of these it is enough that others lose next to nothing. But what is beside a recording's own has to gain, or all
+        of the gain may be that of its own.
         """
-        return self.cross_validated > (UNCONFIRMED if self.shared else -UNCONFIRMED) * self.gain
+        return self.cross_validated > (UNCONFIRMED if self.family.partly_own else -UNCONFIRMED) * self.gain
 
 
 @dataclass(frozen=True)
@@ -74,10 +73,6 @@ class Information:
         hessian = self.hessian
         solved = np.linalg.solve(hessian[:k, :k], np.column_stack([gradient[:k], hessian[:k, k:]]))
         return gradient[k:] - hessian[k:, :k] @ solved[:, 0], hessian[k:, k:] - hessian[k:, :k] @ solved[:, 1:]
-
-    def is_shared(self, inside: NDArray[np.int64]) -> bool:
-        """Whether more than one recording says something of one of the parameters."""
-        return bool(np.any(np.count_nonzero(self.hessians[:, inside, inside], axis=0) > 1))
 
     def cross_validated_gain(self, inside: NDArray[np.int64]) -> float:
         """Log-likelihood that some of the parameters gain on each recording where the others say their values.
@@ -214,7 +209,7 @@ def score_tests(fitted: Fitted, tried: Sequence[Family]) -> ScoreTests:
             cross_validated = known.cross_validated_gain(inside)
             # recordings may say nothing of a family
             p = min(each.look_elsewhere * float(chi2.sf(2.0 * gain, dof)), 1.0) if dof else 1.0
-            scores.append(Score(each, gain, dof, p, cross_validated, strength, known.is_shared(inside)))
+            scores.append(Score(each, gain, dof, p, cross_validated, strength))
             sizes = ((drawn[:, at] @ turned.astype(np.float32)) ** 2).sum(axis=1, dtype=float)
             # the quantile that is asked for is far below
             rare = sizes > chi2.isf(RARE, dof)

@@ -199,6 +199,11 @@ class Term:
         return replace(self, unknowns=tuple(e._replace(std=e.scale) if e.name == name else e for e in self.unknowns))
 
     @property
+    def partly_own(self) -> bool:
+        """Whether some of its parameters are each recording's own, and others those of all recordings."""
+        return type(self).of_recording is not Term.of_recording and self.common > 0
+
+    @property
     def observes(self) -> bool:
         """Whether it acts on what is read."""
         if type(self).kernel is not Term.kernel:

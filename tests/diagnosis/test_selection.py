@@ -14,7 +14,7 @@ from drillenv.diagnosis.fitting import TIGHT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
 from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
-from drillenv.diagnosis.score_tests import Information, Score, ScoreTests
+from drillenv.diagnosis.score_tests import Score, ScoreTests
 from drillenv.diagnosis.selection import forward, least_gain, strength_shows
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.steps import accept
@@ -515,14 +515,11 @@ def test_a_fit_over_other_ranges_that_ends_worse_is_not_kept(monkeypatch, moved,
     assert found.after.reduced_chi_square == ends
 
 
-def test_what_recordings_share_has_to_gain_on_those_left_out_and_their_own_only_not_to_lose():
-    """Of two recordings, a parameter that both speak of and one that only the first does."""
-    hessians = np.zeros((2, 3, 3))
-    hessians[:, 0, 0] = hessians[:, 1, 1] = 1.0
-    hessians[0, 2, 2] = 1.0
-    known = Information(np.zeros((2, 3)), hessians, np.zeros(3), np.zeros(3), 1)
-    assert known.is_shared(np.array([1, 2])) and not known.is_shared(np.array([2]))
-    score = Score(Fake(size=1, has_states=False), 100.0, 1, 0.0, 1.0)
-    assert score.confirmed and not score._replace(shared=True).confirmed
-    assert score._replace(shared=True, cross_validated=10.0).confirmed
-    assert not score._replace(cross_validated=-10.0).confirmed
+def test_what_stands_beside_each_recordings_own_has_to_gain_where_it_was_not_fitted():
+    found = {each.name: each for each in sensor_families(["r01", "r02"], 25600.0)}
+    assert {name for name, each in found.items() if each.partly_own} == {"high-pass"}
+    score = Score(found["high-pass"], 100.0, 18, 0.0, 1.0)
+    assert not score.confirmed and score._replace(cross_validated=10.0).confirmed
+    for name in ("offset", "lag of each recording", "load cell"):
+        assert score._replace(family=found[name]).confirmed
+        assert not score._replace(family=found[name], cross_validated=-10.0).confirmed
