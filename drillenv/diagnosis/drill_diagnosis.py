@@ -394,9 +394,7 @@ def held_out(data: Sequence[Any]) -> set[int]:
     return {choice[round((j + 0.5) * len(choice) / count - 0.5)] for j in range(count)}
 
 
-def plain_fit(
-    campaign: Campaign, data: Sequence[Conditioned], pool: Executor, near: Sequence[str] = ()
-) -> Fitted:
+def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor, near: Sequence[str] = ()) -> Fitted:
     """The paper's model with its constants, and the noise as it shows by that.
 
     Of recordings ``near`` to the mains, by name, the excitation may be misread.

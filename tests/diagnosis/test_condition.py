@@ -209,7 +209,9 @@ def test_mains_beside_the_excitation_are_not_taken_for_a_part_of_it(mains):
     assert abs(omega / (2 * np.pi) - frequency) < 1e-3
 
 
-@pytest.mark.parametrize(("frequency", "near"), [(60.4, True), (59.1, True), (61.6, False), (100.2, False), (49.2, True)])
+@pytest.mark.parametrize(
+    ("frequency", "near"), [(60.4, True), (59.1, True), (61.6, False), (100.2, False), (49.2, True)]
+)
 def test_an_excitation_is_near_the_mains_where_these_drift_by_less_than_half_a_turn(frequency, near):
     data = SimpleNamespace(omega=2.0 * np.pi * frequency, force=np.zeros(12800), rate=25600.0)
     assert is_near_mains(data) is near
