@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.corrected import Corrected
-from drillenv.diagnosis.constants import NAMES
+from drillenv.diagnosis.constants import NAMES, Misread
 from drillenv.diagnosis.drill_diagnosis import Outcome, wrong_constants
 from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.drill_prediction import StateEstimate, estimates_of
@@ -24,7 +24,7 @@ from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.tables import LARGEST_LOG
-from drillenv.diagnosis.thresholds import SILENT, STRUCK_DRILL
+from drillenv.diagnosis.thresholds import SEVERAL, SILENT, STRUCK_DRILL
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
 from drillenv.dynamics.effects import REGISTRY, Chosen, make
 from drillenv.dynamics.hybrid import vector_field as V
@@ -347,13 +347,28 @@ def remarks(outcome: Outcome) -> list[str]:
         for each, std in zip(final.structure.unknowns[: len(NAMES)], spread, strict=False)
         if std > SILENT * each.scale
     ]
-    said = noise_floors(outcome)
+    said = noise_floors(outcome) + misread_excitations(final)
     lost = sorted({each.block.point.name for each in (*outcome.proof.before, *outcome.every) if not is_followed(each)})
     if lost:
         said.append(f"No states were found with which a model follows {', '.join(lost)}: nothing is claimed of them.")
     if silent:
         named = " and the ".join(silent)
         said.append(f"The recordings say next to nothing of the {named}: what the lab states stands unchecked.")
+    return said
+
+
+def misread_excitations(final: Fitted) -> list[str]:
+    """Recordings near the mains whose drive is not as their excitation was read."""
+    said, spread = [], deviations(final)
+    for term, part in zip(final.structure.terms, final.structure.parts, strict=True):
+        for i, name in enumerate(term.names if isinstance(term, Misread) else ()):
+            at = slice(part.start + 2 * i, part.start + 2 * i + 2)
+            (share, ahead), std = final.values[at], spread[at]
+            if np.any(np.abs(final.values[at]) > SEVERAL * std):
+                said.append(
+                    f"The excitation of {name} is so near to the mains that a hum on its channel is read as a part of it: "
+                    f"the drive is {100.0 * share:+.2g} % and {math.degrees(ahead):+.2g} degrees off what was read."
+                )
     return said
 
 

@@ -125,6 +125,9 @@ def test_an_excitation_that_is_misread_near_the_mains_is_corrected_in_its_record
     assert found.reduced_chi_square == pytest.approx(1.0, abs=0.03)
     assert share == pytest.approx(1.0 / 1.01 - 1.0, abs=2e-3)
     assert ahead == pytest.approx(-0.01, abs=2e-3)
+    (sentence,) = drill_report.misread_excitations(found)
+    assert f"The excitation of {name} is so near to the mains" in sentence and "-1 % and -0.5" in sentence
+    assert drill_report.misread_excitations(blind) == []
 
 
 def test_what_is_misread_of_one_recording_is_its_own():
