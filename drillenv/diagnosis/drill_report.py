@@ -366,7 +366,7 @@ def misread_excitations(final: Fitted) -> list[str]:
             (share, ahead), std = final.values[at], spread[at]
             if np.any(np.abs(final.values[at]) > SEVERAL * std):
                 said.append(
-                    f"The excitation of {name} is so near to the mains that a hum on its channel is read as a part of it: "
+                    f"The excitation of {name} is so near to the mains that a hum on its channel is read with it: "
                     f"the drive is {100.0 * share:+.2g} % and {math.degrees(ahead):+.2g} degrees off what was read."
                 )
     return said
