@@ -459,8 +459,9 @@ def reestimate_states(fitted: Fitted, best: Fitted, pool: Executor) -> Fitted:
     if is_fitted_to(fitted, data):
         return fitted
     there = estimate_recordings(data, fitted, pool, best.noise, known=True)
-    own = [each.own for each in there]
-    blocks = [each.block for each in there]
+    # what is each recording's own is there as the fit has it
+    pairs = [each.block.under(fitted.structure, each.own) for each in there]
+    blocks, own = [block for block, _ in pairs], [each for _, each in pairs]
     costs = [block.cost(fitted.fit.shared, each) for block, each in zip(blocks, own, strict=True)]
     cost = sum(costs) + fitted.priors.cost(fitted.fit.shared)
     return replace(fitted, blocks=blocks, fit=replace(fitted.fit, own=own, cost=cost, costs=costs))

@@ -14,7 +14,15 @@ from drillenv.corrected import model_from_record, model_record
 from drillenv.diagnosis import drill_report
 from drillenv.diagnosis.condition import condition
 from drillenv.diagnosis.constants import misread
-from drillenv.diagnosis.drill_diagnosis import STRETCH, diagnose_drill, nominal_rig, outlying_recording, plain_fit
+from drillenv.diagnosis.drill_diagnosis import (
+    STRETCH,
+    diagnose_drill,
+    extended,
+    nominal_rig,
+    outlying_recording,
+    plain_fit,
+    reestimate_states,
+)
 from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
 from drillenv.diagnosis.drill_report import corrected, record_of, waves
 from drillenv.diagnosis.drill_rig import DRILL
@@ -128,6 +136,20 @@ def test_an_excitation_that_is_misread_near_the_mains_is_corrected_in_its_record
     (sentence,) = drill_report.misread_excitations(found)
     assert f"The excitation of {name} is so near to the mains" in sentence and "-1 % and -0.5" in sentence
     assert drill_report.misread_excitations(blind) == []
+
+
+def test_a_fit_to_stretches_with_two_misread_recordings_is_held_against_all_of_them():
+    campaign = plain_campaign(np.random.default_rng(27), 4, recordings=4, seconds=0.25).campaign
+    data = [condition(each, nominal_rig(campaign)) for each in campaign.recordings]
+    names = [each.name for each in data[:2]]
+    with ThreadPoolExecutor(2) as pool:
+        short = plain_fit(campaign, [each.first(8) for each in data], pool, names)
+        best = extended(data, short, pool)
+        found = reestimate_states(short, best, pool)
+    assert found.fit.shared.tolist() == short.fit.shared.tolist()
+    assert found.samples == best.samples > short.samples
+    assert best.cost < found.cost
+    assert found.reduced_chi_square == pytest.approx(1.0, abs=0.05)
 
 
 def test_what_is_misread_of_one_recording_is_its_own():
