@@ -23,7 +23,7 @@ NAMES = RIG_CONSTANTS + ROCK_CONSTANTS
 TRANSITION = 0.07
 """Share of the sample rate over which filters of linear phase fall from 76 % to 8 %: short ones need more, and steep
 ones act above what is fitted."""
-HUM = 0.01
+MISREAD = 0.01
 """Of the excitation, standard deviation of a hum that may be on its channel: cables of a lab pick up some mV."""
 CORNER = 0.415
 """Share of the sample rate at which anti-alias filters have their corner: between 0.38 and 0.45 as a rule."""
@@ -94,7 +94,7 @@ def misread(names: Iterable[str], near: Iterable[str]) -> Misread:
     """Of these recordings, of which all that are ``near`` to the mains have an excitation that may hum."""
     names = tuple(names)
     parts = (("share", "1"), ("phase", "rad"))
-    unknowns = (Unknown(f"excitation of {name}, {part}", 0.0, HUM, HUM, unit=unit)
+    unknowns = (Unknown(f"excitation of {name}, {part}", 0.0, MISREAD, MISREAD, unit=unit)
                 for name in names for part, unit in parts)  # fmt: skip
     return Misread("excitation", tuple(unknowns), names, tuple(near))
 
