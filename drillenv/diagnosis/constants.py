@@ -62,7 +62,7 @@ def constants(nominal: Mapping[str, Nominal]) -> Constants:
 
 
 @dataclass(frozen=True)
-class Misread(Term):
+class MisreadExcitations(Term):
     """By what the drive is off the excitation that was read, in recordings where a hum is not told from that.
 
     The share by which its force is larger and the rad by which it is ahead, of each.
@@ -81,22 +81,22 @@ class Misread(Term):
             model.s[V.F_A] *= 1.0 + share
             model.s[DRIVE_PHASE] += ahead
 
-    def of_recording(self, name: str, values: Floats) -> tuple[Misread, Floats]:
+    def of_recording(self, name: str, values: Floats) -> tuple[MisreadExcitations, Floats]:
         """The same with what one recording is off; without any where it is not near to the mains."""
         own = np.zeros(2)
         if name in self.names:
             own = values.reshape(-1, 2)[self.names.index(name)]
         names = (name,) if name in self.near else ()
-        return misread(names, self.near), own[: 2 * len(names)]
+        return misread_excitations(names, self.near), own[: 2 * len(names)]
 
 
-def misread(names: Iterable[str], near: Iterable[str]) -> Misread:
+def misread_excitations(names: Iterable[str], near: Iterable[str]) -> MisreadExcitations:
     """Of these recordings, of which all that are ``near`` to the mains have an excitation that may hum."""
     names = tuple(names)
     parts = (("share", "1"), ("phase", "rad"))
     unknowns = (Unknown(f"excitation of {name}, {part}", 0.0, MISREAD, MISREAD, unit=unit)
                 for name in names for part, unit in parts)  # fmt: skip
-    return Misread("excitation", tuple(unknowns), names, tuple(near))
+    return MisreadExcitations("excitation", tuple(unknowns), names, tuple(near))
 
 
 @lru_cache(maxsize=16)

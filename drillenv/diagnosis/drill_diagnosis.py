@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from drillenv.checks import InputError
 from drillenv.diagnosis.bookkeeping import FEWEST_FOR_A_LINE, MAD_TO_STD, Label, relabelled, with_labels_corrected
 from drillenv.diagnosis.condition import Conditioned, conditioned, is_near_mains, without_unusable
-from drillenv.diagnosis.constants import NAMES, constants, logger, misread
+from drillenv.diagnosis.constants import NAMES, constants, logger, misread_excitations
 from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_noise import noise_left, noise_of, quietest, with_lines_left
 from drillenv.diagnosis.drill_prediction import (
@@ -402,7 +402,7 @@ def plain_fit(campaign: Campaign, data: Sequence[Conditioned], pool: Executor, n
     flat = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
     terms = [constants(campaign.nominal), logger()]
     if near:
-        terms.append(misread((each.name for each in data if each.name in near), near))
+        terms.append(misread_excitations((each.name for each in data if each.name in near), near))
     structure = ModelStructure(tuple(terms), flat, DRILL)
     blocks = [ShootingProblem(each, structure, RELAXED, noise_of(each)) for each in data]
     limits = Limits(10, 1.0, 0.05)

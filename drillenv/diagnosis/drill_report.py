@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drillenv.corrected import Corrected
-from drillenv.diagnosis.constants import NAMES, Misread
+from drillenv.diagnosis.constants import NAMES, MisreadExcitations
 from drillenv.diagnosis.drill_diagnosis import Outcome, wrong_constants
 from drillenv.diagnosis.drill_identification import law_of
 from drillenv.diagnosis.drill_prediction import StateEstimate, estimates_of
@@ -347,7 +347,7 @@ def remarks(outcome: Outcome) -> list[str]:
         for each, std in zip(final.structure.unknowns[: len(NAMES)], spread, strict=False)
         if std > SILENT * each.scale
     ]
-    said = noise_floors(outcome) + misread_excitations(final)
+    said = noise_floors(outcome) + misread_remarks(final)
     lost = sorted({each.block.point.name for each in (*outcome.proof.before, *outcome.every) if not is_followed(each)})
     if lost:
         said.append(f"No states were found with which a model follows {', '.join(lost)}: nothing is claimed of them.")
@@ -357,11 +357,11 @@ def remarks(outcome: Outcome) -> list[str]:
     return said
 
 
-def misread_excitations(final: Fitted) -> list[str]:
+def misread_remarks(final: Fitted) -> list[str]:
     """Recordings near the mains whose drive is not as their excitation was read."""
     said, spread = [], deviations(final)
     for term, part in zip(final.structure.terms, final.structure.parts, strict=True):
-        for i, name in enumerate(term.names if isinstance(term, Misread) else ()):
+        for i, name in enumerate(term.names if isinstance(term, MisreadExcitations) else ()):
             at = slice(part.start + 2 * i, part.start + 2 * i + 2)
             (share, ahead), std = final.values[at], spread[at]
             if np.any(np.abs(final.values[at]) > SEVERAL * std):

@@ -353,7 +353,7 @@ class Family:
     """A constant of the paper's model that need not be as stated: no mechanism is missing, and there is no term."""
     least: float = 0.0
     """Below which its largest parameter is within what sensors are off anyway, in its unit."""
-    strong: float = 0.0
+    starting_strength: float = 0.0
     """Where not 0, value of its first parameter from which it is fitted: dry friction that is too weak slides where the
     true one sticks, and the likelihood has a minimum for each stop that is missed; from above it falls smoothly."""
 
@@ -499,8 +499,8 @@ def _presliding() -> list[Family]:
         simplest = min(giving, key=lambda each: len(each.unknowns))
         strength = simplest.unknowns[0]._replace(value=LEAST_FRICTION)
         term = StrengthOnly(f"{simplest.name}, strength only", (strength,), simplest.effect, simplest.form, True)
-        strong = max(start[0] for start in simplest.form.starts)
-        found.append(Family(f"presliding {group}", group, (term,), strong=strong))
+        strength_above = max(start[0] for start in simplest.form.starts)
+        found.append(Family(f"presliding {group}", group, (term,), starting_strength=strength_above))
     return found
 
 

@@ -12,7 +12,7 @@ from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, tighten_co
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.naming import with_more, without
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
-from drillenv.diagnosis.solver import Limits
+from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.steps import (
     Say,
     Step,
@@ -26,6 +26,7 @@ from drillenv.diagnosis.steps import (
     reconsidered,
     with_laws_changed,
 )
+from drillenv.diagnosis.terms import ModelStructure
 from drillenv.diagnosis.thresholds import (
     CLOSE,
     FAINT,
@@ -46,6 +47,17 @@ PROMISED = 0.5
 """Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
 
 
+def start_with(fitted: Fitted, family: Family, strength: float) -> tuple[ModelStructure, Floats]:
+    """A fit's structure with one more family, and where that begins, with more of its first parameter by ``strength``.
+
+    In the solver's units; the strength in the parameter's.
+    """
+    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
+    if strength != 0.0:
+        start[-family.size] += strength / family.unknowns[0].scale
+    return structure, start
+
+
 def with_family(
     fitted: Fitted, family: Family, limits: Limits, strength: float = 0.0, from_nominal: bool = False
 ) -> Fitted:
@@ -53,9 +65,7 @@ def with_family(
 
     From the constants of the fit, or with all of them ``from_nominal``.
     """
-    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
-    if strength != 0.0:
-        start[-family.size] += strength / family.unknowns[0].scale
+    structure, start = start_with(fitted, family, strength)
     if from_nominal:
         count = len(structure.terms[0].unknowns)
         start[:count] = structure.start[:count]
@@ -96,11 +106,10 @@ def from_above(fitted: Fitted, family: Family) -> Fitted:
 
     By way of free windows states come to suit that strength, and end elsewhere than those that stay joined.
     """
-    found = with_family(fitted, family, SHORT, family.strong)
+    found = with_family(fitted, family, SHORT, family.starting_strength)
     if fitted.slack > TIGHT:
         return found
-    structure, start = with_more(fitted.structure, fitted.fit.shared, family)
-    start[-family.size] = family.strong / family.unknowns[0].scale
+    structure, start = start_with(fitted, family, family.starting_strength)
     freed = with_continuity_relaxed(fitted, structure, start, states_first=True)
     return freed if freed.slack == TIGHT and freed.cost < found.cost else found
 
@@ -345,7 +354,7 @@ def refine_candidates(
     half = 0.5 * (fitted.cost + 0.5 * fitted.residual_dof)
     most_is_left = fitted.reduced_chi_square > CLOSE and (best is None or best.cost > half)
     for each in chosen:
-        if each.family.strong and each.gain >= NEAR * promised:
+        if each.family.starting_strength and each.gain >= NEAR * promised:
             found = from_above(fitted, each.family)
         elif each.family.has_states and most_is_left:
             found = from_strengths(fitted, each, SHORT)

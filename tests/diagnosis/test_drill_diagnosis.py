@@ -13,7 +13,7 @@ from drillenv.blind.mechanisms import MECHANISMS, Concealed
 from drillenv.corrected import model_from_record, model_record
 from drillenv.diagnosis import drill_report
 from drillenv.diagnosis.condition import condition
-from drillenv.diagnosis.constants import misread
+from drillenv.diagnosis.constants import misread_excitations
 from drillenv.diagnosis.drill_diagnosis import (
     STRETCH,
     diagnose_drill,
@@ -133,9 +133,9 @@ def test_an_excitation_that_is_misread_near_the_mains_is_corrected_in_its_record
     assert found.reduced_chi_square == pytest.approx(1.0, abs=0.03)
     assert share == pytest.approx(1.0 / 1.01 - 1.0, abs=2e-3)
     assert ahead == pytest.approx(-0.01, abs=2e-3)
-    (sentence,) = drill_report.misread_excitations(found)
+    (sentence,) = drill_report.misread_remarks(found)
     assert f"The excitation of {name} is so near to the mains" in sentence and "-1 % and -0.5" in sentence
-    assert drill_report.misread_excitations(blind) == []
+    assert drill_report.misread_remarks(blind) == []
 
 
 def test_a_fit_to_stretches_with_two_misread_recordings_is_held_against_all_of_them():
@@ -153,7 +153,7 @@ def test_a_fit_to_stretches_with_two_misread_recordings_is_held_against_all_of_t
 
 
 def test_what_is_misread_of_one_recording_is_its_own():
-    term = misread(("a", "b"), ("a", "b", "c"))
+    term = misread_excitations(("a", "b"), ("a", "b", "c"))
     values = np.array([0.01, 0.02, 0.03, 0.04])
     alone, own = term.of_recording("b", values)
     assert alone.names == ("b",) and own.tolist() == [0.03, 0.04] and len(alone.unknowns) == 2
