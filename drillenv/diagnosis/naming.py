@@ -132,6 +132,35 @@ def from_reduced_model(
     return found
 
 
+def is_special_case(simpler: Term, equation: Term) -> bool:
+    """Whether an equation becomes a simpler one of the same mechanism where some of its parameters say nothing."""
+    names, more = ({each.name for each in term.unknowns} for term in (simpler, equation))
+    return simpler.effect == equation.effect and names < more
+
+
+def from_special_cases(tried: Sequence[tuple[Term, Fitted]], say) -> list[tuple[Term, Fitted]]:
+    """Fits of equations from that of a simpler one, of those ``tried``, where that ended better: they were no minima.
+
+    Dry friction has a minimum for each stop of a mass that is missed; what it has come to in the simpler equation is
+    nearer to the deepest one.
+    """
+    found = []
+    for equation in {each.name: each for each, _ in tried}.values():
+        own = min(fit.cost for each, fit in tried if each.name == equation.name)
+        better = [pair for pair in tried if is_special_case(pair[0], equation) and pair[1].cost < own]
+        if not better:
+            continue
+        simpler, base = min(better, key=lambda pair: pair[1].cost)
+        given = {each.name: value for each, value in zip(simpler.unknowns, base.values_of(simpler.name), strict=True)}
+        values = [given.get(each.name, each.value) / each.scale for each in equation.unknowns]
+        rest, kept = without(base, [simpler])
+        structure, start = replace(rest, terms=(*rest.terms, equation)), np.append(kept, values)
+        other = base.refit(structure, start, states_first=True)
+        say(f"  {equation.name} from {simpler.name}: gain over that {base.cost - other.cost:.1f}")
+        found.append((equation, other))
+    return found
+
+
 def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) -> tuple[Named, Fitted]:
     """Try the library's equations in a free law's place; the fit with the one that does as well, or as it was."""
     if family.textbook:
@@ -168,6 +197,8 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     if not done and fitted.reduced_chi_square < CLOSE:
         for equation, other in from_reduced_model(fitted, rest, kept, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
+    again = from_special_cases([(equation, other) for _, equation, other in tried], say)
+    tried += [(as_well_as(equation, other), equation, other) for equation, other in again]
     if not tried:
         return Named(family.mechanism, None), fitted
     # of those that do as well the one with fewer parameters, by the criterion of Schwarz

@@ -478,6 +478,39 @@ def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
     assert [each.worse for each in named.tried] == [-50.0, 180.0]
 
 
+def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_that(monkeypatch):
+    """Rounded friction is Stribeck's with nothing that fades: where that ends higher, that is no minimum."""
+    rounded, stribeck, coulomb, dahl = (
+        next(each for each in equations([INDENTER], []) if each.form.name == name)
+        for name in ("rounded", "stribeck", "coulomb", "dahl")
+    )
+    begun = []
+
+    @dataclass
+    class Ended:
+        equation: Any
+        cost: float
+
+        def values_of(self, _name):
+            return np.array([60.0, 1e-3])
+
+        def refit(self, structure, start, **__):
+            begun.append((structure.terms[-1], start))
+            return Ended(structure.terms[-1], 70.0)
+
+    base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
+    monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
+    tried = [(each, Ended(each, cost)) for each, cost in
+             ((rounded, 80.0), (stribeck, 120.0), (stribeck, 110.0), (coulomb, 95.0), (dahl, 90.0))]  # fmt: skip
+    found = naming.from_special_cases(tried, lambda _: None)  # type: ignore[arg-type]
+    # Dahl's has ended lower than Coulomb's, which it contains as well
+    assert [each for each, _ in found] == [stribeck] and found[0][1].cost == 70.0
+    ((equation, start),) = begun
+    assert equation is stribeck and start[0] == 5.0
+    share, speed = (stribeck.form.starts[0][i] for i in (2, 3))
+    assert np.allclose(start[1:] * stribeck.scales, [60.0, 1e-3, share, speed])
+
+
 @pytest.mark.parametrize(
     ("by_corners", "by_detail", "left"),
     [(1.4, 1.2, 1.4), (4.0, 1.3, 1.3), (4.0, 3.5, 5.0)],  # corners do; detail does; neither takes most
