@@ -23,13 +23,14 @@ from drillenv.diagnosis.laws import (
     Family,
     Gain,
     StrengthOnly,
+    damping_at,
     equations,
 )
 from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, response, textbook_sensors
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Model, Term
-from drillenv.dynamics.constitutive.places import DRIVE, LOADING, SPRING, UNLOADING
+from drillenv.dynamics.constitutive.places import DRIVE, LOADING, RATE_FACTOR, RATE_FORCE, SPRING, UNLOADING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
@@ -42,11 +43,14 @@ FARTHEST_SHIFT = 2.0
 
 ALSO = {ACCELEROMETER: RESPONSES, "high-pass": ("offset",)}
 """What else a law of sensors may turn out to be, by its group: where a corner does not show, charges are offsets."""
-WITH_STATES = {
+OF_GROUP = {
     "air": ("air_stiffness", "air_per_length", "air_rate"),
     "mount": ("mount_gain", "mount_square", "mount_damping"),
+    "contact speed": ("contact_damping", "contact_damping_power"),
 }
-"""Numbers of the model that laws with states of their own set, by their group."""
+"""Numbers of the model that equations of a group may set."""
+USUAL_SHARE = 0.5
+"""Of the largest depth, at which damping by a power of it is taken for curves over the speed."""
 
 
 def law_of(fitted: Fitted, terms: Sequence[Term], point) -> Model:
@@ -134,7 +138,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
             constants.contribute(values[:count], tried, point, axes)
             equation.contribute(values[count:], tried, point, shifted(same_forces(axes, model, tried), shift))
             if not off:
-                off = {place: tried.curve(place) - standing[place] for place in curves}
+                off = {place: tried.curve(place) + more_at(place, tried, axes) - standing[place] for place in curves}
             given, said = numbers_of(model), numbers_of(tried)
             for i in (*NUMBERS.values(), V.SLIDING1, V.SLIDING2, V.F_A):
                 if given[i] > 0.0 and (said[i] > 0.0 or i in NUMBERS.values()):
@@ -157,6 +161,19 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     begun = [np.append(np.concatenate(each) / scale, 0.0) for each in pairs]
     least, chosen = minima(misfit, begun, low, high)
     return Rival(equation, [(each[:count], each[count:-1]) for each in chosen], least if curves else 0.0)
+
+
+def more_at(place: int, model: Model, axes: Axes) -> Floats | float:
+    """(GRID,) or 0: what the rock's damping by a power of the depth is as a part of the law at a place.
+
+    By its tangent in the depth: a force over the speed, and a growth of the rock's force with it.
+    """
+    s = model.s
+    if s[V.CONTACT_DAMPING] == 0.0 or place not in (RATE_FACTOR, RATE_FORCE):
+        return 0.0
+    power, depth = s[V.CONTACT_DAMPING_POWER], USUAL_SHARE * float(axes.points(LOADING)[-1])
+    at_depth = damping_at(model, depth) * axes.points(place)
+    return at_depth * (1.0 - power) if place == RATE_FORCE else at_depth * power / (s[V.KL] * depth)
 
 
 def minima(
@@ -184,7 +201,7 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
         place for term in family.terms if isinstance(term, StrengthOnly) for place in acts_at(term.effect, term.form)[0]
     ]
     numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
-    return places, [*WITH_STATES.get(family.group, numbers)]
+    return places, [*OF_GROUP.get(family.group, numbers)]
 
 
 def rivals(fitted: Fitted, family: Family) -> list[Rival]:

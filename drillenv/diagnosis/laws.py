@@ -26,6 +26,7 @@ from drillenv.dynamics.constitutive.places import (
     MOUNT_SPRING,
     RATE_FACTOR,
     RATE_FORCE,
+    REFERENCE_DEPTH,
     SPRING,
     SPRING_FROM_REST,
     UNLOADING,
@@ -44,7 +45,8 @@ LEAST = 1e-9
 """Range in m or m/s of an axis over what does not move: of a mount that is not there."""
 LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
-NUMBERS = {name: at for name, at in V.SCALAR_AT.items() if name.startswith(("mount", "air")) or "bristle" in name}
+PARTS_WITH_NUMBERS = ("mount", "air", "contact_damping")
+NUMBERS = {name: at for name, at in V.SCALAR_AT.items() if name.startswith(PARTS_WITH_NUMBERS) or "bristle" in name}
 """Places of the numbers that equations set and no curve shows, by their names."""
 NOTHING = 1e-5
 """Share of how far from neutral a parameter begins, within which it is neutral: a play of nanometres is no curve."""
@@ -225,6 +227,11 @@ class StrengthOnly(Equation):
     def parameters(self, values: Floats) -> tuple[float, ...]:
         """All of the effect's, by their order."""
         return super().parameters(np.append(values, self.form.starts[0][1:]))
+
+
+def damping_at(model: Model, depth: float) -> float:
+    """Damping of the rock in N s/m at a depth in m, by a power of it."""
+    return float(model.s[V.CONTACT_DAMPING]) * (depth / REFERENCE_DEPTH) ** float(model.s[V.CONTACT_DAMPING_POWER])
 
 
 def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import Curve, Equation, Family, constant_beside
+from drillenv.diagnosis.laws import Curve, Equation, Family, constant_beside, damping_at
 from drillenv.diagnosis.naming import Tried
 from drillenv.diagnosis.noise import line_columns
 from drillenv.diagnosis.sensing import FORCE, FORCE_LAG, Added, Sensor, response
@@ -142,7 +142,7 @@ def _contact_rate(axes: Axes, fastest: float, depth: float) -> Shown:
 
     def y(model: Model) -> Floats:
         force = model.s[V.KL] * depth * _at(model, axes, RATE_FACTOR, x)
-        return force + _at(model, axes, RATE_FORCE, x)
+        return force + _at(model, axes, RATE_FORCE, x) + damping_at(model, depth) * x
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
         w, into = motion.path[V.W], motion.path[V.V2] - motion.path[V.UD]

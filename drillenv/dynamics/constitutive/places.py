@@ -4,13 +4,14 @@
     m2 v2' = drive + coupling - R - indenter + indenter's vibration
     coupling = k y + c y' + f(y) + f(y - F_b / k) + f(y')
     drive    = F_a (sin(theta) / sqrt(1 + (n s)^2) + f(theta)) + f(F_a sin(theta))
-    R        = max(R_law (1 + f(V)) + f(V), 0) in contact, R_law = k N(x), k = k_l or k_u times every factor
+    R        = max(R_law (1 + f(V)) + f(V) + c_d (x / d_0)^p V, 0) in contact
+    R_law    = k N(x), k = k_l or k_u times every factor
     u''      = g R - q u - d u' - f(u) - f(u')
 
 with f the laws at their places and N the shape of the contact over the depth x; y = X1 - X2; V = v2 - u' the speed into
-the rock, u the displacement of a rock on a mount; S' = k_a v1 - r S what the cylinder has lost; n the frequency of the
-excitation in Hz. A law depends on its argument, on its own parameters and on the coupling's stiffness k; never on k_l,
-k_u or the excitation, which change while a rig drills.
+the rock, u the displacement of a rock on a mount; d_0 = 0.1 mm; S' = k_a v1 - r S what the cylinder has lost; n the
+frequency of the excitation in Hz. A law depends on its argument, on its own parameters and on the coupling's stiffness
+k; never on k_l, k_u or the excitation, which change while a rig drills.
 """
 
 from __future__ import annotations
@@ -65,6 +66,8 @@ class Place:
 
 MOST_IMPACTS = 1e8
 """On a face."""
+REFERENCE_DEPTH = 1e-4
+"""d_0 in m: at this depth a power of it is 1."""
 _STIFFER = "depth at which the linear rock law has the same force"
 _COUPLING = "force of the coupling beyond k, c"
 _SHORTENING = "shortening of the coupling"
@@ -134,6 +137,8 @@ SCALARS: Mapping[str, str] = {
     "indenter_sliding": "N, the same on the indenter, with a law at indenter",
     "shaker_bristle_damping": "N s/m, force over the speed at which bristles give",
     "indenter_bristle_damping": "N s/m, the same on the indenter",
+    "contact_damping": "N s/m, c_d: the rock's damping at the depth d_0",
+    "contact_damping_power": "1, p: the power of the depth by which it grows",
 }
 """What an effect may set that is no curve, with its unit; 0 where no effect sets it."""
 STATE_SCALARS = frozenset({"mount_square", "air_rate", "shaker_bristles", "indenter_bristles"})

@@ -2,15 +2,13 @@
 
 import numpy as np
 
-from drillenv.dynamics.constitutive.places import Shape
+from drillenv.dynamics.constitutive.places import REFERENCE_DEPTH, Shape
 from drillenv.dynamics.effects import IN_CONTACT, Effect, Parameter
 from drillenv.dynamics.forms import Form
 
-REFERENCE_DEPTH = 1e-4
-"""d0 in m: at this depth the force is that of the linear law, so that k_l and k_u keep the unit N/m."""
-
 
 def _shape(depth, p, stiffness):
+    # at d0 the force is that of the linear law, so that k_l and k_u keep the unit N/m
     return REFERENCE_DEPTH * (np.maximum(depth, 0.0) / REFERENCE_DEPTH) ** p[0]
 
 

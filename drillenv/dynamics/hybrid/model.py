@@ -31,6 +31,7 @@ _OWNERS = (
     ("indenter_grip",),
     ("shaker_bristles",),
     ("indenter_bristles",),
+    ("contact_damping",),
 )
 """Which scalars, if not 0, make an effect answerable, in the order from BY_MOUNT on."""
 LONGEST_SHARE = 0.1
@@ -157,8 +158,9 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
         raise InputError(f"the effects have {len(laws)} laws: give effects with {V.MOST_LAWS} at most")
     on_rock = any("contact" in c.effect.balances and c.effect.term is not None and not c.is_neutral for c in effects)
     at = [law.place for law in laws]
-    s[V.PULLS] = on_rock or places.RATE_FORCE in at or at.count(places.RATE_FACTOR) > 1
-    s[V.RATED] = on_rock or places.RATE_FORCE in at or places.RATE_FACTOR in at
+    on_rock = on_rock or s[V.CONTACT_DAMPING] != 0.0 or places.RATE_FORCE in at
+    s[V.PULLS] = on_rock or at.count(places.RATE_FACTOR) > 1
+    s[V.RATED] = on_rock or places.RATE_FACTOR in at
     s[V.EFFECTS] = len(effects)
     return assemble(s, laws, Terms(np.array(terms, dtype=float), np.array(parameters), sizes))
 
@@ -212,7 +214,8 @@ def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> 
     s[V.BUSY] = (
         len(terms.rows) > 0 or np.max(s[V.BY_MOUNT : V.BY_GRIP1]) >= 0.0 or max(at, default=0) > places.COMPACTION
     )
-    s[V.BUSY_ON_ROCK] = s[V.BUSY] or places.RATE_FACTOR in at or places.RATE_FORCE in at
+    rated = places.RATE_FACTOR in at or places.RATE_FORCE in at or s[V.CONTACT_DAMPING] != 0.0
+    s[V.BUSY_ON_ROCK] = s[V.BUSY] or rated
     room = np.zeros((V.MOST_LAWS, V.LAW_COLUMNS))
     room[: len(laws)] = table
     front = [s, room.ravel(), pieces.ravel()]

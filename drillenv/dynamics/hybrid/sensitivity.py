@@ -33,6 +33,7 @@ from drillenv.dynamics.constitutive.places import (
     MOUNT_SPRING,
     RATE_FACTOR,
     RATE_FORCE,
+    REFERENCE_DEPTH,
     SPRING,
     SPRING_FROM_REST,
     UNLOADING,
@@ -68,6 +69,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     BENT2,
     BRISTLE_DAMPING1,
     BRISTLES1,
+    CONTACT_DAMPING,
+    CONTACT_DAMPING_POWER,
     COUNT_CONTACT,
     CUT,
     DRIVE_LAG,
@@ -122,6 +125,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     air_left,
     air_stiffness,
     argument,
+    damping_share,
     is_of_bristles,
     law_at,
     look,
@@ -380,9 +384,16 @@ def linearise(
             mount_u += slope
         elif place == MOUNT_DAMPER:
             mount_v += slope
+    extra_w = 0.0
+    if regime != FREE and m[CONTACT_DAMPING] != 0.0:
+        resists, into = m[CONTACT_DAMPING] * damping_share(m, z[W]), z[V2] - z[UD]
+        extra += resists * into
+        extra_v += resists
+        # at the face a power below 1 has no finite slope: see mend_onset
+        extra_w = m[CONTACT_DAMPING_POWER] * resists * into / z[W] if z[W] > 0.0 else 0.0
     lin[BY_F_A], lin[BY_PHASE] = shape + bent * sine, m[F_A] * (shape_theta + bent * cosine)
     lin[BY_LAG] = -m[F_A] * sine * passed**3 * ratio * m[OMEGA] / TURN
-    rock_w, rock_v, lin[GAIN] = lin[LAW_W] * factor, lin[LAW_FORCE] * factor_v + extra_v, factor
+    rock_w, rock_v, lin[GAIN] = lin[LAW_W] * factor + extra_w, lin[LAW_FORCE] * factor_v + extra_v, factor
     lin[ROCK] = lin[LAW_FORCE] * factor + extra
     if regime == FREE or d[CUT] != 0.0:
         rock_w, rock_v, lin[GAIN], lin[ROCK] = 0.0, 0.0, 0.0, 0.0
@@ -496,6 +507,10 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[F_B, BY_Q] = m[AIR_PER_LENGTH] * left * left * z[V1]
     if m[F_B] > 0.0:
         by[F_B, BY_Q] -= by_air_left(m, z) * by_air_lost(m, z[Q]) * z[Q] / m[F_B]
+    share = damping_share(m, z[W]) * (z[V2] - z[UD]) if lin[GAIN] != 0.0 else 0.0
+    by[CONTACT_DAMPING, BY_ROCK], by[CONTACT_DAMPING_POWER, BY_ROCK] = share, 0.0
+    if share != 0.0 and z[W] > 0.0:
+        by[CONTACT_DAMPING_POWER, BY_ROCK] = m[CONTACT_DAMPING] * share * math.log(z[W] / REFERENCE_DEPTH)
     for mass in range(2):
         stiff = m[BRISTLES1 + mass]
         giving = dz[BENT1 + mass] / stiff if stiff > 0.0 else z[V1 + mass]
@@ -592,6 +607,9 @@ def vary_step(m: np.ndarray, s: float, columns: Columns, work: Variation, scratc
         else:
             linearise(m, d, shift, scratch[SPARE], work.j[k], work.at, work.lin[k])
             find_forcings(m, d, shift, scratch[SPARE], scratch[SPARE_SLOPE], columns, work, k)
+    by_power = m[CONTACT_DAMPING] * m[CONTACT_DAMPING_POWER] != 0.0 and m[TERMS] == 0.0
+    if by_power and int(d[REGIME]) != FREE and scratch[BEGIN, W] <= 0.0:
+        mend_onset(m, s, scratch, work)
     set_up(s, n, work)
     solve(LAST * n, work)
     v, system, count = work.v, work.system, columns.kind.size
@@ -603,6 +621,30 @@ def vary_step(m: np.ndarray, s: float, columns: Columns, work: Variation, scratc
         for a in range(n, v.shape[1]):
             for c in range(count):
                 v[k, a, c] = v[0, a, c]
+
+
+@njit(**INNER)
+def mend_onset(m: np.ndarray, s: float, scratch: np.ndarray, work: Variation) -> None:
+    """Give the Jacobian at the face the slope of the rock's damping with which the step of length s has its integral.
+
+    By a power of the depth w below 1 it has an infinite one there, whose integral is finite: with w growing evenly
+    from 0 to ``end``, that of p c w^(p-1) V is s times c V end^p / end.
+    """
+    end = s / scratch[FLAGS, LENGTH]
+    inside_step(m, end, scratch)
+    deep, into = scratch[SPARE, W], scratch[SPARE, V2] - scratch[SPARE, UD]
+    if deep <= 0.0:
+        return
+    mean = m[CONTACT_DAMPING] * damping_share(m, deep) * into / deep
+    for k in range(1, POINTS):
+        inside_step(m, end * POINTS_AT[k], scratch)
+        w, into = scratch[SPARE, W], scratch[SPARE, V2] - scratch[SPARE, UD]
+        if w > 0.0:
+            mean -= INTEGRALS[LAST, k] * m[CONTACT_DAMPING_POWER] * m[CONTACT_DAMPING] * damping_share(m, w) * into / w
+    more = mean / INTEGRALS[LAST, 0]
+    work.lin[0, ROCK_W] += more
+    work.j[0, V2, W] -= more / m[M2]
+    work.j[0, UD, W] += m[MOUNT_GAIN] * more
 
 
 @njit(**INNER)

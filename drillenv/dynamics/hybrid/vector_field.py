@@ -30,6 +30,7 @@ from drillenv.dynamics.constitutive.places import (
     MOUNT_SPRING,
     RATE_FACTOR,
     RATE_FORCE,
+    REFERENCE_DEPTH,
     SCALARS,
     SPRING,
     SPRING_FROM_REST,
@@ -109,19 +110,21 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     SLIDING2,
     BRISTLE_DAMPING1,
     BRISTLE_DAMPING2,
+    CONTACT_DAMPING,
+    CONTACT_DAMPING_POWER,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
 SCALAR_AT = dict(zip(SCALARS, range(OMEGA + 1, OMEGA + 1 + len(SCALARS)), strict=True))
 """Places of the scalars that effects set, by their names."""
-LONGEST = BRISTLE_DAMPING2 + 1
+LONGEST = CONTACT_DAMPING_POWER + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
 # scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
 # peak before a turn, whether it would pull, and whether forces act beyond those of the plain rig, in flight and on rock
 LAWS, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 7)
-BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2, BY_BRISTLES1, BY_BRISTLES2 = range(
-    SIZES_AT + 1, SIZES_AT + 9
+BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2, BY_BRISTLES1, BY_BRISTLES2, BY_CONTACT_DAMPING = range(
+    SIZES_AT + 1, SIZES_AT + 10
 )
-TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_BRISTLES2 + 1, BY_BRISTLES2 + 8)
+TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_CONTACT_DAMPING + 1, BY_CONTACT_DAMPING + 8)
 SIZE = BUSY_ON_ROCK + 1
 LEAST_AIR = 0.01
 """Of the cylinder's force: where a supply is turned down, gas may have lost more than that by then."""
@@ -376,6 +379,15 @@ def is_of_bristles(m: np.ndarray, place: int) -> bool:
 
 
 @njit(**INLINED)
+def damping_share(m: np.ndarray, w: float) -> float:
+    """What the rock's damping at the depth ``w`` is over that at the reference depth; none behind the face."""
+    power = m[CONTACT_DAMPING_POWER]
+    if power == 0.0:
+        return 1.0
+    return (w / REFERENCE_DEPTH) ** power if w > 0.0 else 0.0
+
+
+@njit(**INLINED)
 def extra_forces(
     m, d, regime: int, shift: float, theta: float, law: float, drive: float, z, dz, push
 ) -> tuple[float, float, float, float]:
@@ -432,6 +444,10 @@ def extra_forces(
             push[ON_ROCKS + i] = 0.0 if regime == FREE else push[ON_ROCK]
             added += push[ON_ROCKS + i]
             dz[power] -= push[ON_ROCKS + i] * into
+    damped = 0.0
+    if regime != FREE and m[CONTACT_DAMPING] != 0.0:
+        damped = m[CONTACT_DAMPING] * damping_share(m, z[W]) * into
+        added += damped
     push[WHOLE] = law + added
     # the contact never pulls; within a step it is one or the other throughout
     rock = law + added if d[CUT] == 0.0 else 0.0
@@ -442,6 +458,9 @@ def extra_forces(
                 dz[given + law_at(m, i, EFFECT)] *= share
         for i in range(int(m[TERMS])):
             dz[given + term_at(m, i, TERM_EFFECT)] += (1.0 - share) * push[ON_ROCKS + i] * into
+        damped *= share
+    if damped != 0.0:
+        dz[given + int(m[BY_CONTACT_DAMPING])] -= damped * into
     if int(m[BY_LAG]) >= 0:
         ratio = m[DRIVE_LAG] * m[OMEGA] / TURN
         lost = drive * (1.0 / math.sqrt(1.0 + ratio * ratio) - 1.0)

@@ -165,7 +165,9 @@ class Peer:
         # elements of the rig, each over its own argument
         self.spring = lambda y: self.k * y
         self.damper = lambda closing: self.c * closing
-        self.guide = self.indenter = self.growth = self.added = None
+        self.guide = self.indenter = self.growth = self.added = self.resists = None
+        """What the rock's force grows by, over that of the rock law; what is added to it, over the speed into the rock,
+        and over depth and speed; friction on both masses."""
         self.drive = lambda asked: asked
         self.wave = None
         self.on_shaker = self.on_indenter = lambda t: 0.0
@@ -203,12 +205,16 @@ class Peer:
         """Force of the rock, were it able to pull."""
         if self.growth is not None:
             return self.law(z) * self.pull(z)
-        return self.pull(z) if self.added is not None else self.law(z)
+        return self.pull(z) if self.rated else self.law(z)
 
     def pull(self, z):
         """Below 0 where the rock would pull."""
         into = z[V2] - z[FACE_SPEED]
-        return 1.0 + self.growth(into) if self.growth is not None else self.law(z) + self.added(into)
+        if self.growth is not None:
+            return 1.0 + self.growth(into)
+        if self.resists is not None:
+            return self.law(z) + self.resists(max(z[X2] - z[FACE] - self.foot, 0.0), into)
+        return self.law(z) + self.added(into)
 
     def pushes(self, t, z):
         """Forces on both masses but dry friction, and that of the rock."""
@@ -261,7 +267,7 @@ class Peer:
 
     @property
     def rated(self):
-        return self.growth is not None or self.added is not None
+        return self.growth is not None or self.added is not None or self.resists is not None
 
     def events(self):
         """(guard, direction, what to do) of everything that ends the present equations."""

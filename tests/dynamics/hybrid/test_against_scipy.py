@@ -91,6 +91,10 @@ def contact_rate(peer, chi):
     peer.growth = lambda speed: chi * speed
 
 
+def contact_damping(peer, c_d, p_d=0.0):
+    peer.resists = lambda depth, speed: c_d * (depth / 1e-4) ** p_d * speed
+
+
 def contact_toe(peer, h, r, e):
     def layer(thickness):
         return lambda depth: depth + (1.0 - r) * thickness * math.expm1(-depth / thickness)
@@ -173,6 +177,9 @@ EQUATIONS = [
     Case("contact-power-law", {"n": 1.35}, power_law, AT_110, "contact-power-law-at-110"),
     Case("contact-power-law", {"n": 0.8}, power_law, AT_110, "contact-power-law-below-1"),
     Case("contact-rate", {"chi": 0.85}, contact_rate),
+    Case("contact-rate", {"c_d": 350.0}, contact_damping, AT_110, "contact-rate-kelvin-voigt"),
+    Case("contact-rate", {"c_d": 350.0, "p_d": 0.25}, contact_damping, AT_95, "contact-rate-tsuji"),
+    Case("contact-rate", {"c_d": 350.0, "p_d": 0.5}, contact_damping, AT_110, "contact-rate-kuwabara-kono"),
     Case("contact-toe", {"h": 2.2e-5, "r": 0.16, "e": 0.5}, contact_toe),
     Case("damping-quadratic", {"c2": 900.0}, damping_quadratic, AT_110),
     Case("drive-droop", {"s": 0.0054}, drive_droop),

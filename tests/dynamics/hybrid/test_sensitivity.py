@@ -23,6 +23,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
     BRISTLES2,
     COEFFICIENTS,
+    CONTACT_DAMPING,
+    CONTACT_DAMPING_POWER,
     DRIVE_LAG,
     F_A,
     F_B,
@@ -76,6 +78,9 @@ MORE = {
     ),
     "enclosed gas": ("air-spring", {"g_a": 300.0, "tau": 0.2}),
     "a force that pulls": ("tabulated-rate-force", {"x": [-1.0, 1.0], "y": [-400.0, 400.0]}),
+    "a damper of the rock": ("contact-rate", {"c_d": 300.0}),
+    "damping by the root of the depth": ("contact-rate", {"c_d": 300.0, "p_d": 0.5}),
+    "damping by the fourth root of the depth": ("contact-rate", {"chi": 0.2, "c_d": 300.0, "p_d": 0.25}),
     "a tangent": ("tabulated-loading", {"x": [0.0, 300.0, 800.0, 2000.0], "y": [0.4, 0.8, 1.0, 1.1]}),
 }
 
@@ -193,7 +198,7 @@ def test_tangent_of_the_return_map(name):
 
 SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_PER_LENGTH,
            AIR_RATE, DRIVE_LAG, ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2,
-           SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2]  # fmt: skip
+           SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2, CONTACT_DAMPING, CONTACT_DAMPING_POWER]  # fmt: skip
 """By which a column may be."""
 
 
