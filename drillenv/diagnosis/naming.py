@@ -13,7 +13,7 @@ from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, with_conti
 from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, MOST_OF_LAW, NOISE_KNOWN, TENSE
+from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, LEFT, MOST_OF_LAW, NOISE_KNOWN, TENSE
 
 
 class Tried(NamedTuple):
@@ -155,7 +155,9 @@ def from_special_cases(tried: Sequence[tuple[Term, Fitted]], say) -> list[tuple[
         values = [given.get(each.name, each.value) / each.scale for each in equation.unknowns]
         rest, kept = without(base, [simpler])
         structure, start = replace(rest, terms=(*rest.terms, equation)), np.append(kept, values)
-        other = base.refit(structure, start, states_first=True)
+        other = base.refit(structure, start, SHORT, states_first=True)
+        if other.cost < base.cost and other.reduced_chi_square < CLOSE:
+            other = other.refit()
         say(f"  {equation.name} from {simpler.name}: gain over that {base.cost - other.cost:.1f}")
         found.append((equation, other))
     return found
@@ -175,10 +177,10 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
 
     done, rivals = False, fitted.structure.rig.rivals(fitted, family)
     for equation, starts, worse in rivals:
-        # once one does as well, others are tried that may do better, but none with states of its own: those are a
-        # family too, which has been tried where it promised as much
+        # what is worse by more than the law gains is worse than none; once one does as well, others are tried that may
+        # do better, but none with states of its own: those are a family too, which was tried where it promised as much
         least, stateful = MOST_OF_LAW * gain if done else gain, equation.has_states and not family.has_states
-        if (tried and worse > least) or (done and stateful):
+        if worse > least or (done and stateful):
             continue
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
@@ -194,7 +196,8 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
             if done:
                 # of any other equation it is enough to see that it does not do better from its nearest start
                 break
-    if not done and fitted.reduced_chi_square < CLOSE:
+    # a law that leaves nothing has the equation that it follows begin next to its minimum
+    if not done and 1.0 + LEFT < fitted.reduced_chi_square < CLOSE:
         for equation, other in from_reduced_model(fitted, rest, kept, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
     again = from_special_cases([(equation, other) for _, equation, other in tried], say)

@@ -8,7 +8,15 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, tighten_continuity, with_continuity_relaxed
+from drillenv.diagnosis.fitting import (
+    HURRIED,
+    SHORT,
+    TIGHT,
+    Fitted,
+    penalty,
+    tighten_continuity,
+    with_continuity_relaxed,
+)
 from drillenv.diagnosis.laws import Family
 from drillenv.diagnosis.naming import with_more, without
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
@@ -72,17 +80,17 @@ def with_family(
     return fitted.refit(structure, start, limits, states_first=strength != 0.0 or from_nominal)
 
 
-def short_fit(fitted: Fitted, family: Family) -> Fitted:
+def short_fit(fitted: Fitted, family: Family, limits: Limits = SHORT) -> Fitted:
     """A short fit with one more family.
 
     In a joined model constants that are far from what is stated may have taken up what a family explains, and states
     with them: from there its fit may come to a poor minimum, and where it leaves much it is begun from what is stated
     as well.
     """
-    found = with_family(fitted, family, SHORT)
+    found = with_family(fitted, family, limits)
     if family.constant or fitted.slack > TIGHT or not is_strained(fitted) or explains_all(found, fitted):
         return found
-    return min(found, with_family(fitted, family, SHORT, from_nominal=True), key=lambda each: each.cost)
+    return min(found, with_family(fitted, family, limits, from_nominal=True), key=lambda each: each.cost)
 
 
 def is_strained(fitted: Fitted) -> bool:
@@ -354,12 +362,15 @@ def refine_candidates(
     half = 0.5 * (fitted.cost + 0.5 * fitted.residual_dof)
     most_is_left = fitted.reduced_chi_square > CLOSE and (best is None or best.cost > half)
     for each in chosen:
+        # beside one that leaves nothing, what creeps is no rival
+        ended = [other for _, other in fits] if best is None else [best]
+        limits = HURRIED if any(other.reduced_chi_square < 1.0 + LEFT for other in ended) else SHORT
         if each.family.starting_strength and each.gain >= NEAR * promised:
             found = from_above(fitted, each.family)
         elif each.family.has_states and most_is_left:
-            found = from_strengths(fitted, each, SHORT)
+            found = from_strengths(fitted, each, limits)
         else:
-            found = short_fit(fitted, each.family)
+            found = short_fit(fitted, each.family, limits)
         fits.append((each, found))
         say(f"  {each.family.name}: gain {fitted.cost - fits[-1][1].cost:.1f}")
     if not fits:

@@ -10,7 +10,7 @@ import pytest
 from drillenv.diagnosis import naming, resolution, selection, steps
 from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
-from drillenv.diagnosis.fitting import TIGHT, Fitted, penalty
+from drillenv.diagnosis.fitting import HURRIED, SHORT, TIGHT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
 from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
@@ -439,10 +439,16 @@ def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     assert tried == [["mass"], ["air"]]
 
 
-def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
-    """Where a free law came to a poor minimum, the equation that is nearest to it there leads nowhere."""
+@pytest.mark.parametrize(
+    ("left", "predicted", "worse"), [(1.2, 0.0, [-50.0, 180.0]), (1.02, 0.0, [180.0]), (1.02, 201.0, [])]
+)
+def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch, left, predicted, worse):
+    """Where a free law came to a poor minimum, the equation that is nearest to it there leads nowhere.
+
+    A law that leaves nothing is at none, and an equation that lacks more than the law gains is not tried.
+    """
     (coulomb,) = (each for each in equations([INDENTER], []) if len(each.unknowns) == 1)
-    rivals = [Rival(coulomb, [(np.zeros(1), np.array([900.0]))], 0.0)]
+    rivals = [Rival(coulomb, [(np.zeros(1), np.array([900.0]))], predicted)]
     rig = Fake(rivals=lambda *_: rivals, taken_up=lambda _: [], mechanisms_by_law=lambda *_: ("of the law",))
 
     @dataclass
@@ -452,7 +458,7 @@ def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
         structure: Any
         start: Any
         cost: float
-        samples, reduced_chi_square, slack = SAMPLES, 1.05, 2.0
+        samples, reduced_chi_square, slack = SAMPLES, left, 2.0
 
         def refit(self, structure=None, start=None, *_, **__):
             if structure is None:
@@ -474,8 +480,34 @@ def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch):
     law: Any = Fake(textbook=False, terms=(), size=8, has_states=False, mechanism="law")
     free: Any = Valleys(Fake(rig=rig), np.zeros(9), 100.0)
     named, found = name_law(free, law, 200.0)
-    assert named.equation is coulomb and found.cost == 50.0
-    assert [each.worse for each in named.tried] == [-50.0, 180.0]
+    if len(worse) == 2:
+        assert named.equation is coulomb and found.cost == 50.0
+    else:
+        assert named.equation is None and found is free
+    assert [each.worse for each in named.tried] == worse
+
+
+@pytest.mark.parametrize(("left", "limits"), [(1.02, HURRIED), (1.3, SHORT)])
+def test_beside_a_family_that_leaves_nothing_others_are_not_followed_while_they_creep(monkeypatch, left, limits):
+    given = []
+
+    def fitted_with(_fitted, family, limits):
+        given.append(limits)
+        found = fit(left if family.name == "first" else 2.0)
+        found.cost = 100.0 if family.name == "first" else 5000.0
+        found.refit = lambda: found
+        return found
+
+    monkeypatch.setattr(selection, "short_fit", fitted_with)
+    before = fit(3.0)
+    before.cost, before.residual_dof, before.slack = 10_000.0, SAMPLES, TIGHT
+    tried: Any = [
+        Fake(family=Fake(name=name, starting_strength=0.0, has_states=False), gain=gain, size=3)
+        for name, gain in (("first", 9000.0), ("second", 6000.0))
+    ]
+    found = selection.refine_candidates(before, tried, lambda _: None, 9000.0)
+    assert given == [SHORT, limits]
+    assert [each.family.name for each, _ in found] == ["first", "second"]
 
 
 def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_that(monkeypatch):
@@ -490,11 +522,14 @@ def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_tha
     class Ended:
         equation: Any
         cost: float
+        reduced_chi_square = 1.01
 
         def values_of(self, _name):
             return np.array([60.0, 1e-3])
 
-        def refit(self, structure, start, **__):
+        def refit(self, structure=None, start=None, *_, **__):
+            if structure is None:
+                return self
             begun.append((structure.terms[-1], start))
             return Ended(structure.terms[-1], 70.0)
 
