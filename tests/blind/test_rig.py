@@ -6,7 +6,7 @@ import pytest
 import drillenv
 from drillenv.blind import rig
 from drillenv.blind.campaigns import physics_of
-from drillenv.blind.mechanisms import MECHANISMS, of_library
+from drillenv.blind.mechanisms import MECHANISMS, Concealed, of_library
 from drillenv.blind.rig import Constants, Controls, Physics, move
 from drillenv.dynamics.effects import make
 from drillenv.dynamics.hybrid.run import run_hybrid
@@ -31,6 +31,22 @@ LIBRARY = {
 }
 
 
+LATER = {
+    "Kelvin-Voigt": ("contact-rate", {"c_r": 400.0}, {"c_d": 400.0}),
+    "Tsuji": ("contact-rate", {"c_t": 400.0}, {"c_d": 400.0, "p_d": 0.25}),
+    "isothermal": ("air-spring", {"l": 4e-3, "tau": 0.2}, {"g_a": 250.0, "tau": 0.2}),
+    "Stribeck": (
+        "indenter-friction", {"f_c": 40.0, "f_s": 56.0, "v_s": 0.05, "v_0": 2e-3},
+        {"fc2": 40.0, "rs2": 0.4, "vr2": 0.05, "vs2": 2e-3},
+    ),
+    "LuGre": (
+        "indenter-friction", {"f_c": 40.0, "f_s": 56.0, "v_s": 0.05, "sigma": 4e6, "sigma_1": 150.0},
+        {"fc2": 40.0, "ds2": 1e-5, "sd2": 150.0, "rs2": 0.4, "vr2": 0.05},
+    ),
+}  # fmt: skip
+"""Equations that the library has learned since the first trial: mechanism, parameters, and those of the library."""
+
+
 def largest(found, expected):
     size = min(found.size, expected.size)
     return np.max(np.abs(found[:size] - expected[:size])) / np.max(np.abs(expected))
@@ -52,28 +68,37 @@ def test_agrees_with_the_exact_engine_where_nothing_is_concealed(frequency, case
     assert largest(mine.acceleration, run.acceleration) < 1e-6
 
 
+def both(concealed, chosen, monkeypatch, step=STEP):
+    """Motions of the concealed rig, in steps of so many s, and of the hybrid engine with the same physics."""
+    # the hybrid engine starts where the straight spring alone would rest
+    monkeypatch.setattr(rig, "resting_shortening", lambda constants, static, physics: static / constants.stiffness)
+    controls, constants = Controls(90.0, 0.5, 0.8), Constants()
+    physics = physics_of([concealed], constants, controls, np.random.default_rng(0))
+    mine = move(constants, controls, physics, 12.0 / controls.frequency, step)
+    setting, seconds = drillenv.Setting(*controls), float(mine.time[-1])
+    return mine, run_hybrid(drillenv.Rig(), setting, drillenv.ROCKS[4], seconds, 1.0 / step, effects=(chosen,))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LIBRARY)
 def test_the_librarys_equations_are_the_librarys(name, monkeypatch):
     """Where both have an equation, two formulations, integrators and contacts give the same motion."""
-    # the hybrid engine starts where the straight spring alone would rest
-    monkeypatch.setattr(rig, "resting_shortening", lambda constants, static, physics: static / constants.stiffness)
-    controls = Controls(90.0, 0.5, 0.8)
-    constants = Constants()
-    physics = physics_of([of_library(name, **LIBRARY[name])], constants, controls, np.random.default_rng(0))
-    mine = move(constants, controls, physics, 12.0 / controls.frequency, STEP)
-    run = run_hybrid(
-        drillenv.Rig(),
-        drillenv.Setting(*controls),
-        drillenv.ROCKS[4],
-        float(mine.time[-1]),
-        1.0 / STEP,
-        effects=(make(name, **LIBRARY[name]),),
-    )
+    mine, run = both(of_library(name, **LIBRARY[name]), make(name, **LIBRARY[name]), monkeypatch)
     # corners of a force are stepped across; the acceleration's jump at each grip may fall on either side of a sample
     loose = name in ("guide-friction", "indenter-friction", "force-limit", "backlash")
     assert largest(mine.x2, run.x2) < 1e-6
     assert largest(mine.rock, run.force) < (1e-4 if loose else 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LATER)
+def test_equations_that_the_library_has_learned_are_the_same(name, monkeypatch):
+    mechanism, parameters, values = LATER[name]
+    (equation,) = (each for each in MECHANISMS[mechanism].equations if each.name == name)
+    # a force that jumps at the face, or grows there with a root of the depth, takes Runge and Kutta's method its order
+    mine, run = both(Concealed(mechanism, equation, parameters), make(mechanism, **values), monkeypatch, STEP / 8.0)
+    assert largest(mine.x2, run.x2) < 1e-6
+    assert largest(mine.rock, run.force) < 1e-5
 
 
 def test_what_the_catalogue_calls_the_librarys_is_all_that_the_library_has():
