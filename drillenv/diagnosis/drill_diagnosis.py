@@ -256,8 +256,12 @@ def search(
             progress.stopped = progress.doing
         progress.stage(PROVING)
         plain, final, steps, tested = known
+        fitted_data = [block.data for block in final.blocks]
+        if not is_fitted_to(final, fit_data):
+            # a search that was ended on stretches is held against no longer ones
+            held_data = [each.first(max(block.windows for block in final.blocks)) for each in held_data]
         plain = reestimate_states(plain, final, pool) if steps else final
-        proof = proved(fit_data, held_data, plain, final, pool)
+        proof = proved(fitted_data, held_data, plain, final, pool)
     refuted = [step.named.mechanism for step in mechanisms_of(steps)] if proof.is_refuted else []
     if refuted:
         say("what was found does worse than nothing where it was not fitted, and is left out")

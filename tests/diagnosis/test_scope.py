@@ -216,13 +216,22 @@ def test_a_fit_ends_between_two_evaluations_once_time_is_up():
 
 
 @pytest.mark.slow
-def test_what_was_found_in_time_is_reported(tmp_path, capsys, schema):
+def test_what_was_found_in_time_is_reported(tmp_path, capsys, monkeypatch, schema):
+    """Held against stretches of recordings held out that are no longer than those that were fitted."""
+    proved, lengths = drill_diagnosis.proved, []
+
+    def noted(fitted, held, *more):
+        lengths.extend([{len(each.starts) - 1 for each in data} for data in (fitted, held)])
+        return proved(fitted, held, *more)
+
+    monkeypatch.setattr(drill_diagnosis, "proved", noted)
     assert cli.main(["diagnose", EXAMPLE, "--within", "0", "--out", str(tmp_path)]) == 0
     assert "the report is unfinished" in capsys.readouterr().err
     record = json.loads((tmp_path / "report.json").read_text())
     jsonschema.validate(record, schema)
     assert record["unfinished"] == "looking for what is missing"
     assert record["verdict"] == "unexplained"
+    assert lengths == [{drill_diagnosis.STRETCH}] * 2
 
 
 @pytest.mark.slow
