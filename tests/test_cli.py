@@ -146,7 +146,7 @@ def test_motion_for_people(run):
 MODEL = {
     "format": "drillenv-model/1",
     "constants": {"damping": 2790.0, "loading_stiffness": 21.9e6, "unloading_stiffness": 25.1e6},
-    "effects": [{"name": "contact-rate", "parameters": {"chi": 0.52}}],
+    "effects": [{"name": "contact-rate", "parameters": {"chi": 0.52, "c_d": 0.0, "p_d": 0.0}}],
 }
 OWN = Rock(21.9e6, 25.1e6)
 RATE = [make("contact-rate", chi=0.52)]

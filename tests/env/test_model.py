@@ -36,7 +36,7 @@ def steps(file):
 
 def test_constants_and_effects_of_a_model(written):
     readings, env = steps(written("model", RATE))
-    assert env.task.effects == {"contact-rate": {"chi": 0.5}}
+    assert env.task.effects == {"contact-rate": {"chi": 0.5, "c_d": 0.0, "p_d": 0.0}}
     assert env.task.corrected.rig.damping == 2790.0
     assert env.task.rock[0].loading_stiffness == 21.9e6
     plain, _env = steps(written("plain"))

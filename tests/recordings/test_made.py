@@ -108,5 +108,5 @@ def test_a_run_takes_effects_too(capsys):
     plain = json.loads(capsys.readouterr().out)
     assert cli.main(["simulate", *place, "--effect", "contact-rate", "chi=0.45"]) == 0
     record = json.loads(capsys.readouterr().out)
-    assert record["effects"] == [{"name": "contact-rate", "parameters": {"chi": 0.45}}]
+    assert record["effects"] == [{"name": "contact-rate", "parameters": {"chi": 0.45, "c_d": 0.0, "p_d": 0.0}}]
     assert record["peak_force"] != plain["peak_force"]

@@ -325,11 +325,16 @@ def make(name: str, /, **values: Any) -> Chosen:
 def drawn(name: str, rng: np.random.Generator) -> Chosen:
     """An effect of the registry at a strength drawn at random: each parameter evenly from its typical range.
 
+    One with a single typical value is not drawn, so that a parameter more leaves what a seed draws as it is.
+
     Raises:
         InputError: no such effect.
     """
-    parameters = _named(name, _registry()).parameters
-    return make(name, **{part.symbol: float(rng.uniform(*part.typical)) for part in parameters})
+    values = {}
+    for part in _named(name, _registry()).parameters:
+        low, high = part.typical
+        values[part.symbol] = float(rng.uniform(low, high)) if low < high else low
+    return make(name, **values)
 
 
 def mechanism_of_law(law: str) -> str:
