@@ -45,7 +45,7 @@ from drillenv.dynamics.hybrid.model import fresh_motion
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
 from drillenv.dynamics.hybrid.sensitivity import make_variation
 from drillenv.dynamics.hybrid.shooting import UNCHAINED, Shot, Windows, shoot
-from drillenv.dynamics.hybrid.vector_field import BENT1, OWN, V1, V2, Q, W, Y
+from drillenv.dynamics.hybrid.vector_field import BED, BENT1, OWN, V1, V2, Q, W, Y
 
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
@@ -312,8 +312,8 @@ class ShootingProblem(RecordingProblem):
         off, precision = own.copy(), np.zeros(own.size)
         off[:4] -= self.data.states[0] / STATE_WIDTHS[:4]
         precision[:4] = (STATE_WIDTHS[:4] / FIRST_STATE) ** 2
-        if self.state_count(own) == OWN:
-            precision[BENT1:OWN] = (STATE_WIDTHS[BENT1:OWN] / BENT) ** 2
+        if self.state_count(own) > MASSES:
+            precision[BENT1:BED] = (STATE_WIDTHS[BENT1:BED] / BENT) ** 2
         behind = self.windows * self.state_count(own)
         precision[behind : behind + 2] = self.label_precision
         precision[behind + 2 :] = self.line_precision
@@ -326,7 +326,7 @@ class ShootingProblem(RecordingProblem):
         is none. Else air of no stiffness would stand for anything that fades away.
         """
         row, kept = np.zeros(own.size), self.state_count(own)
-        if kept == OWN:
+        if kept > MASSES:
             air = row[: self.windows * kept].reshape(self.windows, kept)[:, Q]
             air[0] = 1.0
             if not self.data.fresh:

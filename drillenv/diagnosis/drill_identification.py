@@ -45,7 +45,7 @@ ALSO = {ACCELEROMETER: RESPONSES, "high-pass": ("offset",)}
 """What else a law of sensors may turn out to be, by its group: where a corner does not show, charges are offsets."""
 OF_GROUP = {
     "air": ("air_stiffness", "air_per_length", "air_rate"),
-    "mount": ("mount_gain", "mount_square", "mount_damping"),
+    "mount": ("mount_gain", "mount_square", "mount_damping", "bed_share", "bed_square", "bed_damping"),
     "contact speed": ("contact_damping", "contact_damping_power"),
 }
 """Numbers of the model that equations of a group may set."""

@@ -13,6 +13,9 @@ from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import Model, ModelStructure
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
+    BED,
+    BED_SPEED,
+    BED_SQUARE,
     BENT1,
     BENT2,
     BRISTLES1,
@@ -24,14 +27,14 @@ from drillenv.dynamics.hybrid.vector_field import (
     U,
 )
 
-CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015, 0.015, 0.015])
+CONTINUITY = np.array([2e-7, 2e-5, np.inf, np.inf, 1e-8, 1e-5, 0.015, 0.015, 0.015, 1e-8, 1e-5])
 """Standard deviations with which a window goes on where the one before ends, by state. Speed and distance of the
 indenter are free: a window's own samples say both to within the noise, and impacts magnify what is wrong of them."""
 MASSES = 4
 """States of the two masses, which come first."""
 PRESSURE_LABEL = 0.006
 """Standard deviation of a pressure about its label, as a share: gauges are read to 1 %."""
-STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0, 1.0, 1.0])
+STATE_WIDTHS = np.array([1.0, 1.0, 1e-3, 1e-6, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e-6, 1e-3])
 """Units of a window's own unknowns: force of the coupling's spring and of its damper in N, then the states from v2 on.
 Forces, for what the data say of a window does not change with the spring that is taken to have made them."""
 FIRST_STATE = np.array([500.0, 500.0, 1.0, 3e-4])
@@ -51,8 +54,13 @@ def first_states(data: Conditioned) -> Floats:
 
 
 def states_under(structure: ModelStructure) -> int:
-    """States that a window has under a model structure: of the masses, or of a mount, the air and bristles too."""
-    return OWN if any(term.has_states for term in structure.terms) else MASSES
+    """States that a window has under a model structure: of the masses, or of a mount, the air and bristles too, or all.
+
+    All where there is a bed under the mount, which few models have.
+    """
+    if any(term.has_bed for term in structure.terms):
+        return OWN
+    return BED if any(term.has_states for term in structure.terms) else MASSES
 
 
 def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floats:
@@ -68,6 +76,7 @@ def resized(own: Floats, windows: int, size: int, kept: int, lines: int) -> Floa
 
 
 def absent(model: Model) -> list[int]:
-    """States that the model has not: of a mount, of the air, of bristles."""
+    """States that the model has not: of a mount, of the air, of bristles, of a bed."""
     with_them = {U: MOUNT_SQUARE, UD: MOUNT_SQUARE, Q: AIR_RATE, BENT1: BRISTLES1, BENT2: BRISTLES2}
+    with_them |= {BED: BED_SQUARE, BED_SPEED: BED_SQUARE}
     return [state for state, scalar in with_them.items() if not model.s[scalar] > 0.0]

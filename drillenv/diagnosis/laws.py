@@ -45,7 +45,7 @@ LEAST = 1e-9
 """Range in m or m/s of an axis over what does not move: of a mount that is not there."""
 LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
-PARTS_WITH_NUMBERS = ("mount", "air", "contact_damping")
+PARTS_WITH_NUMBERS = ("mount", "bed", "air", "contact_damping")
 NUMBERS = {name: at for name, at in V.SCALAR_AT.items() if name.startswith(PARTS_WITH_NUMBERS) or "bristle" in name}
 """Places of the numbers that equations set and no curve shows, by their names."""
 NOTHING = 1e-5
@@ -204,6 +204,11 @@ class Equation(Term):
         for name in GRIPS:
             if name in numbers or name in grips_of(self.effect, self.form):
                 s[V.SCALAR_AT[name]] += max(numbers.get(name, 0.0), LEAST_GRIP)
+
+    @property
+    def has_bed(self) -> bool:  # type: ignore[override]
+        """Whether the form has a bed under the mount."""
+        return "bed_square" in acts_at(self.effect, self.form)[1]
 
     @property
     def neutral(self) -> Floats:

@@ -265,7 +265,8 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visite
             u = np.linspace(0.0, 4.0 * x[-1] * m.s[V.MOUNT_GAIN] / max(m.s[V.MOUNT_SQUARE], 1e-9), 2000)
             held = m.s[V.MOUNT_SQUARE] * u + _at(m, axes, MOUNT_SPRING, u)
             held -= _at(m, axes, MOUNT_SPRING, u[:1])
-            return np.interp(m.s[V.MOUNT_GAIN] * x, np.maximum.accumulate(held), u)
+            bed = m.s[V.BED_SHARE] * m.s[V.MOUNT_GAIN] / m.s[V.BED_SQUARE] if m.s[V.BED_SQUARE] > 0.0 else 0.0
+            return np.interp(m.s[V.MOUNT_GAIN] * x, np.maximum.accumulate(held), u) + bed * x
 
         return Shown("steady force on the rock", "N", "m", x, give)
     if isinstance(family.terms[0], Sinusoid):

@@ -136,6 +136,8 @@ class Term:
     """Sensors act in rising order of it."""
     has_states = False
     """Whether it has states of its own: of the mount, the air or bristles."""
+    has_bed = False
+    """Whether they are of a bed under the mount."""
     effect = ""
     """The mechanism of the library whose equation it is; none of a free law."""
     common = 1

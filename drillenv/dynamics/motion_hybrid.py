@@ -40,9 +40,13 @@ from drillenv.dynamics.hybrid.runge_kutta import FLAGS, SPARE_SLOPE, STANDING, m
 from drillenv.dynamics.hybrid.sensitivity import by_state, law_slope, make_variation, run_varied
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_RATE,
+    BED,
+    BED_SPEED,
+    BED_SQUARE,
     BENT1,
     BENT2,
     BRISTLES1,
+    BRISTLES2,
     CARRY,
     COUNT,
     M2,
@@ -166,6 +170,10 @@ class Passage(NamedTuple):
     impact_speed: float
 
 
+STILL_WITHOUT = {BENT1: BRISTLES1, BENT2: BRISTLES2, BED: BED_SQUARE, BED_SPEED: BED_SQUARE}
+"""Extra states that stand still where a scalar of the model is 0."""
+
+
 class Section:
     """The rig with effects at a setting, looked at once an excitation period.
 
@@ -212,7 +220,7 @@ class Section:
             elif not _acts(chosen):
                 # without strength an extra state stands still or fades unseen, and would only look like a multiplier
                 continue
-            elif not discrete and at in (BENT1, BENT2) and self.model.s[BRISTLES1 + at - BENT1] == 0.0:
+            elif not discrete and at in STILL_WITHOUT and self.model.s[STILL_WITHOUT[at]] == 0.0:
                 continue
             elif not discrete and at != UD:
                 columns.append(at)

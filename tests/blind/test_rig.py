@@ -34,6 +34,10 @@ LIBRARY = {
 LATER = {
     "Kelvin-Voigt": ("contact-rate", {"c_r": 400.0}, {"c_d": 400.0}),
     "Tsuji": ("contact-rate", {"c_t": 400.0}, {"c_d": 400.0, "p_d": 0.25}),
+    "two masses": (
+        "rock-mount-compliance", {"s_r": 2e-8, "m_r": 25.0, "zeta_r": 0.1, "m_b": 90.0, "s_b": 1.5e-8},
+        {"s_r": 2e-8, "m_r": 25.0, "zeta_r": 0.1, "m_b": 90.0, "s_b": 1.5e-8, "zeta_b": 0.1},
+    ),
     "isothermal": ("air-spring", {"l": 4e-3, "tau": 0.2}, {"g_a": 250.0, "tau": 0.2}),
     "Stribeck": (
         "indenter-friction", {"f_c": 40.0, "f_s": 56.0, "v_s": 0.05, "v_0": 2e-3},

@@ -27,6 +27,7 @@ from drillenv.diagnosis.drill_prediction import StateEstimate, own_lines
 from drillenv.diagnosis.drill_report import corrected, record_of, waves
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import SHORT, TIGHT
+from drillenv.diagnosis.naming import name_law
 from drillenv.diagnosis.score_tests import PEAKS, Batch, at_peaks, information, score_tests
 from drillenv.diagnosis.selection import from_above, from_strengths, short_fit
 from drillenv.diagnosis.thresholds import LEFT
@@ -96,6 +97,22 @@ def test_the_power_of_the_depth_by_which_rock_damps_is_measured():
     assert values == pytest.approx({"c_d": 450.0, "p_d": 0.25}, rel=0.05)
     model = corrected(outcome)
     assert model_from_record(model_record(model)).effects == model.effects
+
+
+def test_a_mount_on_a_bed_that_gives_is_told_from_one_that_stands():
+    hidden = concealing("rock-mount-compliance", 1, s_r=2e-8, m_r=25.0, zeta_r=0.1, m_b=90.0, s_b=1.5e-8)
+    campaign = plain_campaign(np.random.default_rng(25), 4, hidden, recordings=5, seconds=0.25).campaign
+    data = [condition(each, nominal_rig(campaign)).first(STRETCH) for each in campaign.recordings]
+    with ThreadPoolExecutor(2) as pool:
+        plain = plain_fit(campaign, data, pool)
+        tried = [each for each in DRILL.candidates(plain) if each.group == "mount"]
+        (first, _known), *_ = at_peaks(tried, information(plain, [Batch(each.terms) for each in tried]))
+        ((score,), _level) = score_tests(plain, [first])
+        found = from_strengths(plain, score, SHORT)
+        named, fitted = name_law(found, first, plain.cost - found.cost)
+    assert named.equation is not None and named.equation.form.name == "two masses"  # type: ignore[attr-defined]
+    true = [2e-8, 25.0, 0.1, 90.0, 1.5e-8, 0.1]
+    assert fitted.values_of(named.equation.name) == pytest.approx(true, rel=0.1)
 
 
 def test_a_mount_is_looked_for_where_it_resonates():

@@ -386,7 +386,7 @@ def test_mass_may_be_held_while_the_rock_swings():
     """The indenter sticks, the rock on its mount goes on: contact turns round and ends though the indenter rests."""
     setting = Setting(60.0, 0.3, 0.6)
     soft = make("rock-mount-compliance", s_r=2e-6, m_r=2.0, zeta_r=0.01)
-    start = Start(0.0, 0.0, 0.5, 0.0, LOADING, (0.0,) * 5)
+    start = Start(0.0, 0.0, 0.5, 0.0, LOADING, (0.0,) * 7)
     run = run_hybrid(
         Rig(), setting, ROCKS[4], 0.2, 50e3, start=start, effects=[HELD, make("indenter-friction", fc2=900.0), soft]
     )

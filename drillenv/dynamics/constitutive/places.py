@@ -6,12 +6,14 @@
     drive    = F_a (sin(theta) / sqrt(1 + (n s)^2) + f(theta)) + f(F_a sin(theta))
     R        = max(R_law (1 + f(V)) + f(V) + c_d (x / d_0)^p V, 0) in contact
     R_law    = k N(x), k = k_l or k_u times every factor
-    u''      = g R - q u - d u' - f(u) - f(u')
+    u''      = g R - h, h = q (u - b) + d (u' - b') + f(u - b) + f(u' - b')
+    b''      = g_b h - q_b b - d_b b'
 
 with f the laws at their places and N the shape of the contact over the depth x; y = X1 - X2; V = v2 - u' the speed into
-the rock, u the displacement of a rock on a mount; d_0 = 0.1 mm; S' = k_a v1 - r S what the cylinder has lost; n the
-frequency of the excitation in Hz. A law depends on its argument, on its own parameters and on the coupling's stiffness
-k; never on k_l, k_u or the excitation, which change while a rig drills.
+the rock, u the displacement of a rock on a mount, b that of the bed under the mount, 0 where there is none; d_0 = 0.1
+mm; S' = k_a v1 - r S what the cylinder has lost; n the frequency of the excitation in Hz. A law depends on its
+argument, on its own parameters and on the coupling's stiffness k; never on k_l, k_u or the excitation, which change
+while a rig drills.
 """
 
 from __future__ import annotations
@@ -105,7 +107,7 @@ PLACES = (
           0.0, 2.0 * np.pi),
     Place("drive-curve", "force asked of the drive, F_a sin(theta)", "N", "force of the drive beyond that", "N",
           -2e3, 2e3),
-    Place("mount-spring", "deflection of the rock's mount", "m", "force of the mount over its mass", "m/s^2",
+    Place("mount-spring", "deflection of the rock's mount", "m", "force of the mount over the rock's mass", "m/s^2",
           -1e-2, 1e-2),
     Place("mount-damper", "speed of the rock's mount", "m/s", "force of the mount over its mass", "m/s^2", -4.0, 4.0),
 )  # fmt: skip
@@ -139,6 +141,9 @@ SCALARS: Mapping[str, str] = {
     "indenter_bristle_damping": "N s/m, the same on the indenter",
     "contact_damping": "N s/m, c_d: the rock's damping at the depth d_0",
     "contact_damping_power": "1, p: the power of the depth by which it grows",
+    "bed_share": "1, g_b of the bed under the mount: the rock's mass over its own",
+    "bed_square": "1/s^2, q_b: its natural frequency, squared",
+    "bed_damping": "1/s, d_b",
 }
 """What an effect may set that is no curve, with its unit; 0 where no effect sets it."""
 STATE_SCALARS = frozenset({"mount_square", "air_rate", "shaker_bristles", "indenter_bristles"})

@@ -41,6 +41,8 @@ MEMORY = {
     "u'": (0, V.UD),
     "bent1": (0, V.BENT1),
     "bent2": (0, V.BENT2),
+    "b": (0, V.BED),
+    "b'": (0, V.BED_SPEED),
     "slide1": (1, V.SLIDE1),
     "slide2": (1, V.SLIDE2),
     "N": (1, V.COUNT),
@@ -204,11 +206,12 @@ def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> 
     # the shaker body moves as much less as it is heavier
     slow = speed * s[V.M2] / s[V.M1]
     lost = 0.01 * force
-    sizes = [force / s[V.K], slow, speed, depth, depth, speed, lost, lost, lost, *terms.sizes]
+    sizes = [force / s[V.K], slow, speed, depth, depth, speed, lost, lost, lost, depth, speed, *terms.sizes]
     s[V.LAWS], s[V.TERMS], s[V.TALLY] = len(laws), len(terms.rows), len(sizes)
-    # a mount, the air and bristles stand behind the rig's own states: without them those do not move
+    # a mount, the air, bristles and a bed stand behind the rig's own states: without them those do not move
     moving = V.BENT1 if s[V.MOUNT_SQUARE] or s[V.AIR_RATE] else V.U
-    moving = V.OWN if s[V.BRISTLES1] or s[V.BRISTLES2] else moving
+    moving = V.BED if s[V.BRISTLES1] or s[V.BRISTLES2] else moving
+    moving = V.OWN if s[V.BED_SQUARE] else moving
     s[V.MOVING] = len(sizes) if terms.sizes else moving
     at = [law.place for law in laws]
     s[V.BUSY] = (

@@ -65,6 +65,11 @@ from drillenv.dynamics.hybrid.vector_field import (
     AIR_PER_LENGTH,
     AIR_RATE,
     AIR_STIFFNESS,
+    BED,
+    BED_DAMPING,
+    BED_SHARE,
+    BED_SPEED,
+    BED_SQUARE,
     BENT1,
     BENT2,
     BRISTLE_DAMPING1,
@@ -199,9 +204,9 @@ rates of both masses' bristles by the force at which they slide."""
 AT_PIECE, AT_T, CHAIN = range(3)
 """Which piece of a law its argument is in, and where in it; of a contact's shape, by what the force of the rock law
 changes with it."""
-# Rows of what columns change the rates by: of v1, v2, u', q, b1, b2, and the rock's force
-BY_V1, BY_V2, BY_UD, BY_Q, BY_BENT1, BY_BENT2, BY_ROCK = range(7)
-FORCINGS = 7
+# Rows of what columns change the rates by: of v1, v2, u', q, b1, b2, the bed's speed, and the rock's force
+BY_V1, BY_V2, BY_UD, BY_Q, BY_BENT1, BY_BENT2, BY_BED, BY_ROCK = range(8)
+FORCINGS = 8
 
 
 def _collocation(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -410,7 +415,15 @@ def linearise(
             for b in range(n):
                 j[V1 + mass, b] = 0.0
     j[W, V2], j[W, UD], j[U, UD] = 1.0, -1.0, 1.0
-    j[UD, U], j[UD, UD] = -m[MOUNT_SQUARE] - mount_u, -m[MOUNT_DAMPING] - mount_v - m[MOUNT_GAIN] * rock_v
+    mount_u += m[MOUNT_SQUARE]
+    mount_v += m[MOUNT_DAMPING]
+    j[UD, U], j[UD, UD] = -mount_u, -mount_v - m[MOUNT_GAIN] * rock_v
+    j[UD, BED], j[UD, BED_SPEED], j[BED, BED_SPEED] = mount_u, mount_v, 1.0
+    if m[BED_SQUARE] > 0.0:
+        share = m[BED_SHARE]
+        j[BED_SPEED, U], j[BED_SPEED, UD] = share * mount_u, share * mount_v
+        j[BED_SPEED, BED] = -share * mount_u - m[BED_SQUARE]
+        j[BED_SPEED, BED_SPEED] = -share * mount_v - m[BED_DAMPING]
     j[UD, W], j[UD, V2] = m[MOUNT_GAIN] * rock_w, m[MOUNT_GAIN] * rock_v
     left = air_left(m, z[Q])
     j[Q, V1] = air_stiffness(m) * left * left
@@ -500,7 +513,11 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[F_A, BY_V2], by[DRIVE_LAG, BY_V2] = lin[BY_F_A], lin[BY_LAG]
     by[KL, BY_ROCK], by[KU, BY_ROCK] = lin[BY_KL] * lin[GAIN], lin[BY_KU] * lin[GAIN]
     by[GRIP1, BY_V1], by[GRIP2, BY_V2] = -d[SLIDE1], -d[SLIDE1 + 1]
-    by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -z[U], -z[UD]
+    given, bend = z[U] - z[BED], z[UD] - z[BED_SPEED]
+    by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -given, -bend
+    by[MOUNT_SQUARE, BY_BED], by[MOUNT_DAMPING, BY_BED] = m[BED_SHARE] * given, m[BED_SHARE] * bend
+    by[BED_SHARE, BY_BED] = m[MOUNT_GAIN] * lin[ROCK] - dz[UD]
+    by[BED_SQUARE, BY_BED], by[BED_DAMPING, BY_BED] = -z[BED], -z[BED_SPEED]
     left = air_left(m, z[Q])
     by[AIR_STIFFNESS, BY_Q], by[AIR_RATE, BY_Q] = left * left * z[V1], -left * z[Q]
     by[AIR_PER_LENGTH, BY_Q] = max(m[F_B], 0.0) * left * left * z[V1]
@@ -546,7 +563,7 @@ def by_law(
     elif place <= DRIVE:
         own[BY_V2] = value * (-1.0 if place == INDENTER else (m[F_A] if place == WAVEFORM else 1.0))
     else:
-        own[BY_UD] = -value
+        own[BY_UD], own[BY_BED] = -value, m[BED_SHARE] * value
 
 
 @njit(**INNER)
@@ -579,6 +596,7 @@ def find_forcings(
         force[BY_V1, c], force[BY_V2, c] = by[row, BY_V1] / m[M1], (by[row, BY_V2] - rock) / m[M2]
         force[BY_UD, c], force[BY_Q, c] = by[row, BY_UD] + m[MOUNT_GAIN] * rock, by[row, BY_Q]
         force[BY_BENT1, c], force[BY_BENT2, c] = by[row, BY_BENT1], by[row, BY_BENT2]
+        force[BY_BED, c] = by[row, BY_BED]
         force[BY_ROCK, c] = rock
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and d[SLIDE1 + mass] == 0.0:
@@ -662,7 +680,7 @@ def block_of(state: int, n: int) -> int:
     """Where the equations of a state stand: places first, since they hold nothing but speeds."""
     if n == 4:
         return (0, 2, 3, 1)[state]
-    return (0, 3, 4, 1, 2, 5, 6, 7, 8)[state] if state < OWN else state
+    return (0, 3, 4, 1, 2, 5, 6, 7, 8, 9, 10)[state] if state < OWN else state
 
 
 @njit(**INLINED)
@@ -670,6 +688,8 @@ def forcing_of(state: int) -> int:
     """The row of what columns change the rate of a state by; -1 of a place, whose rate is a speed."""
     if V1 <= state <= V2:
         return BY_V1 + state - V1
+    if state == BED_SPEED:
+        return BY_BED
     return BY_UD + state - UD if UD <= state <= BENT2 else -1
 
 

@@ -2,10 +2,10 @@
 
 Dynamic states, in SI: the shortening ``y = X1 - X2``, the speeds ``v1`` and ``v2``, the contact's coordinate ``w``, the
 deflection ``u`` and speed ``u'`` of the rock's mount, the force ``q`` that the cylinder has lost, the forces ``b1`` and
-``b2`` of bristles that are bent where dry friction gives before it slides; then the states of terms from outside, and
-the energies moved. ``w`` is the indenter's place behind an origin O, ``X2 = O + w + u``: Xf out
-of contact and while unloading, Xp while loading. So w is the depth, nothing drifts, and a power law is as smooth as a
-linear one. The balances stand in :mod:`drillenv.dynamics.constitutive.places`.
+``b2`` of bristles that are bent where dry friction gives before it slides, the deflection and speed of the bed under
+the mount; then the states of terms from outside, and the energies moved. ``w`` is the indenter's place behind an origin
+O, ``X2 = O + w + u``: Xf out of contact and while unloading, Xp while loading. So w is the depth, nothing drifts, and a
+power law is as smooth as a linear one. The balances stand in :mod:`drillenv.dynamics.constitutive.places`.
 
 What does not change between two events stands in a second array, the discrete state: regimes, phases, counts, the
 origin, and for each law with corners the number of those below its argument.
@@ -47,7 +47,7 @@ from drillenv.dynamics.hybrid.outside_terms import call_term
 TURN = 2.0 * math.pi
 
 # Dynamic states; behind OWN those of terms from outside, and then, from Model.tally on, the energies.
-Y, V1, V2, W, U, UD, Q, BENT1, BENT2, OWN = range(10)
+Y, V1, V2, W, U, UD, Q, BENT1, BENT2, BED, BED_SPEED, OWN = range(12)
 BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
 """Energies in J, counted from ``Model.tally``; one for each effect from ``BY_EFFECTS`` on."""
 
@@ -112,10 +112,13 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     BRISTLE_DAMPING2,
     CONTACT_DAMPING,
     CONTACT_DAMPING_POWER,
+    BED_SHARE,
+    BED_SQUARE,
+    BED_DAMPING,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
 SCALAR_AT = dict(zip(SCALARS, range(OMEGA + 1, OMEGA + 1 + len(SCALARS)), strict=True))
 """Places of the scalars that effects set, by their names."""
-LONGEST = CONTACT_DAMPING_POWER + 1
+LONGEST = BED_DAMPING + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
 # scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
@@ -330,8 +333,8 @@ def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float
     if place == DRIVE:
         return m[F_A] * sine_cosine(theta)[0]
     if place == MOUNT_SPRING:
-        return z[U]
-    return z[UD]
+        return z[U] - z[BED]
+    return z[UD] - z[BED_SPEED]
 
 
 @njit(**INNER)
@@ -355,8 +358,8 @@ def argument_rate(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, dz: np.
     if place == DRIVE:
         return m[F_A] * m[OMEGA] * math.cos(theta)
     if place == MOUNT_SPRING:
-        return z[UD]
-    return dz[UD] if place == MOUNT_DAMPER else 0.0
+        return z[UD] - z[BED_SPEED]
+    return dz[UD] - dz[BED_SPEED] if place == MOUNT_DAMPER else 0.0
 
 
 @njit(**INNER)
@@ -511,8 +514,13 @@ def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
     push[PUSHED], push[PUSHED + 1] = one, two
     dz[Y], dz[W], dz[U], dz[UD], dz[Q] = closing, into, ud, 0.0, 0.0
     dz[V1], dz[V2] = one * (1.0 / m[M1]), two * (1.0 / m[M2])
+    dz[BED], dz[BED_SPEED] = z[BED_SPEED], 0.0
     if m[MOVING] > U:
-        dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * z[U] - m[MOUNT_DAMPING] * ud - on_mount
+        given, bend = z[U] - z[BED], ud - z[BED_SPEED]
+        dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * given - m[MOUNT_DAMPING] * bend - on_mount
+        if m[BED_SQUARE] > 0.0:
+            held = m[MOUNT_SQUARE] * given + m[MOUNT_DAMPING] * bend + on_mount
+            dz[BED_SPEED] = m[BED_SHARE] * held - m[BED_SQUARE] * z[BED] - m[BED_DAMPING] * z[BED_SPEED]
         left = air_left(m, z[Q])
         dz[Q] = air_stiffness(m) * left * left * v1 - m[AIR_RATE] * left * z[Q]
     dz[BENT1], dz[BENT2] = 0.0, 0.0

@@ -16,6 +16,11 @@ from drillenv.dynamics.hybrid.vector_field import (
     AIR_PER_LENGTH,
     AIR_RATE,
     AIR_STIFFNESS,
+    BED,
+    BED_DAMPING,
+    BED_SHARE,
+    BED_SPEED,
+    BED_SQUARE,
     BENT1,
     BENT2,
     BRISTLE_DAMPING1,
@@ -81,6 +86,10 @@ MORE = {
     "a damper of the rock": ("contact-rate", {"c_d": 300.0}),
     "damping by the root of the depth": ("contact-rate", {"c_d": 300.0, "p_d": 0.5}),
     "damping by the fourth root of the depth": ("contact-rate", {"chi": 0.2, "c_d": 300.0, "p_d": 0.25}),
+    "a bed under the mount": (
+        "rock-mount-compliance",
+        {"s_r": 2e-8, "m_r": 25.0, "zeta_r": 0.1, "m_b": 90.0, "s_b": 1.5e-8, "zeta_b": 0.07},
+    ),
     "a tangent": ("tabulated-loading", {"x": [0.0, 300.0, 800.0, 2000.0], "y": [0.4, 0.8, 1.0, 1.1]}),
 }
 
@@ -120,6 +129,7 @@ class Bench:
         self.moving += [Q] if self.model.s[AIR_STIFFNESS] or self.model.s[AIR_PER_LENGTH] else []
         self.moving += [BENT1] if self.model.s[BRISTLES1] else []
         self.moving += [BENT2] if self.model.s[BRISTLES2] else []
+        self.moving += [BED, BED_SPEED] if self.model.s[BED_SQUARE] else []
         self.moving += range(OWN, self.model.tally)
         self.sizes = self.model.flat[int(self.model.s[SIZES_AT]) :][: self.model.tally]
 
@@ -198,7 +208,8 @@ def test_tangent_of_the_return_map(name):
 
 SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_PER_LENGTH,
            AIR_RATE, DRIVE_LAG, ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2,
-           SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2, CONTACT_DAMPING, CONTACT_DAMPING_POWER]  # fmt: skip
+           SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2, CONTACT_DAMPING, CONTACT_DAMPING_POWER, BED_SHARE,
+           BED_SQUARE, BED_DAMPING]  # fmt: skip
 """By which a column may be."""
 
 

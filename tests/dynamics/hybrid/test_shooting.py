@@ -44,6 +44,10 @@ EFFECTS = {
         make("rock-mount-compliance", s_r=2e-8, m_r=40.0, zeta_r=0.1),
         make("air-spring", k_a=5e4, tau=0.2),
     ),
+    "bed": (
+        make("rock-mount-compliance", s_r=2e-8, m_r=25.0, zeta_r=0.1, m_b=90.0, s_b=1.5e-8, zeta_b=0.07),
+        make("contact-rate", c_d=300.0, p_d=0.25),
+    ),
     "gas": (make("air-spring", g_a=300.0, tau=0.2),),
     "grip": (make("guide-friction", fc1=40.0, vs1=0.0), make("stiffness-hardening", k3=5e9)),
     "bristles": (
@@ -109,7 +113,10 @@ def begins(effects):
     return begin
 
 
-@pytest.mark.parametrize("name", [n for n in EFFECTS if n not in ("mount and air", "contact", "waves", "bristles")])
+NOT_OF_THE_PLAIN_STATES = ("mount and air", "bed", "contact", "waves", "bristles")
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in NOT_OF_THE_PLAIN_STATES])
 def test_signals_are_those_of_the_reference(name):
     """Of each window by a run of its own, to within the relative error of the steps."""
     effects = EFFECTS[name]
@@ -146,10 +153,12 @@ WAYS = (1.0, -1.0)
 
 def by_states(effects, model, begin):
     found = []
-    mount = range(V.U, V.BENT1) if model.s[V.MOUNT_SQUARE] else range(0)
-    bristles = range(V.BENT1, V.OWN) if model.s[V.BRISTLES1] else range(0)
-    for state in (*range(4), *mount, *bristles):
-        step = (1e-9, 1e-6, 1e-6, 1e-9, 1e-10, 1e-6, 1e-4, 1e-4, 1e-4)[state]
+    mount = range(V.U, V.Q) if model.s[V.MOUNT_SQUARE] else range(0)
+    air = range(V.Q, V.BENT1) if model.s[V.AIR_RATE] else range(0)
+    bristles = range(V.BENT1, V.BED) if model.s[V.BRISTLES1] else range(0)
+    bed = range(V.BED, V.OWN) if model.s[V.BED_SQUARE] else range(0)
+    for state in (*range(4), *mount, *air, *bristles, *bed):
+        step = (1e-9, 1e-6, 1e-6, 1e-9, 1e-10, 1e-6, 1e-4, 1e-4, 1e-4, 1e-10, 1e-6)[state]
         pair = []
         for way in WAYS:
             moved = begin.copy()
@@ -164,6 +173,7 @@ def by_scalars(effects, model, begin):
     scalars = [V.M1, V.M2, V.K, V.C, V.F_A, V.F_B, V.KL, V.KU, V.MOUNT_GAIN, V.MOUNT_SQUARE, V.MOUNT_DAMPING]
     scalars += [V.AIR_STIFFNESS, V.AIR_PER_LENGTH, V.AIR_RATE, V.GRIP1, V.DRIVE_LAG]
     scalars += [V.ROTATION_SHARE, V.ROTATION_PHASE, V.ROTATION_RATE, V.BRISTLES1, V.BRISTLES2, V.SLIDING1, V.SLIDING2]
+    scalars += [V.BED_SHARE, V.BED_SQUARE, V.BED_DAMPING, V.CONTACT_DAMPING, V.CONTACT_DAMPING_POWER]
     found = []
     for scalar in scalars:
         step = (1e-3 if scalar == V.AIR_RATE else 1e-5) * abs(model.s[scalar])
@@ -232,7 +242,8 @@ CHAINED = np.isin(np.arange(V.OWN), (V.V2, V.W), invert=True)
 
 
 @pytest.mark.parametrize(
-    ("name", "chained"), [*((name, UNCHAINED) for name in EFFECTS), ("mount and air", CHAINED), ("bristles", CHAINED)]
+    ("name", "chained"),
+    [*((name, UNCHAINED) for name in EFFECTS), *((name, CHAINED) for name in ("mount and air", "bed", "bristles"))],
 )
 def test_derivatives_are_those_of_differences(name, chained):
     """Of both signals, and of the states at the windows' ends, by every kind of column at once."""
