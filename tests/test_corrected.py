@@ -19,7 +19,7 @@ def test_written_and_read_back(tmp_path):
     assert read_model(tmp_path / "model.json") == model
     assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
     record = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
-    assert record["effects"][0] == effect_record(RATE) == {"name": "contact-rate", "parameters": {"chi": 0.52}}
+    assert record["effects"][0] == effect_record(RATE) == {"name": "contact-rate", "parameters": RATE.given}
 
 
 def test_effects_on_sensors_are_told_from_those_on_the_motion():

@@ -31,7 +31,7 @@ NOMINAL = {name: Nominal(value, 0.02 * value, "SI") for name, value in zip(NAMES
 def made_axes():
     """Over ranges such as a rig visits."""
     rng = np.random.default_rng(0)
-    path = rng.uniform(-1.0, 1.0, (OWN, 4000)) * np.array([1e-3, 0.3, 0.3, 1e-4, 0.0, 0.0, 0.0, 0.0, 0.0])[:, None]
+    path = rng.uniform(-1.0, 1.0, (OWN, 4000)) * np.array([1e-3, 0.3, 0.3, 1e-4, *[0.0] * (OWN - 4)])[:, None]
     path[Y] += 2e-3
     return axes_of([path], 400.0, [2e-3])
 
