@@ -24,7 +24,7 @@ from drillenv.blind.campaigns import physics_of, plain_campaign
 from drillenv.blind.mechanisms import of_library
 from drillenv.blind.rig import DRIVE_AT_ZERO, DRIVE_PER_HERTZ, PUSH_PER_BAR, Constants, Controls, move
 from drillenv.checks import InputError
-from drillenv.dynamics.effects import LIBRARY
+from drillenv.dynamics.effects import LIBRARY, make
 from drillenv.recordings import write_campaign
 
 RATE = 12800.0
@@ -114,7 +114,7 @@ def test_the_face_of_a_mounted_rock_goes_back_as_that_of_the_concealed_rig():
     touching = motion.rock > 0.0
     began = np.maximum.accumulate(np.where(touching & ~np.roll(touching, 1), np.arange(touching.size), 0))
     expected = -(face - face[began]) * np.where(motion.loading, motion.kl, motion.ku) * touching
-    ours = forces_of("rock-mount-compliance", tuple(values.values()), motion).rock
+    ours = forces_of("rock-mount-compliance", make("rock-mount-compliance", **values).values, motion).rock
     assert np.std(ours - expected) < 0.1 * np.std(expected)
 
 
