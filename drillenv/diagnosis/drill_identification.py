@@ -43,7 +43,7 @@ FARTHEST_SHIFT = 2.0
 
 ALSO = {ACCELEROMETER: RESPONSES, "high-pass": ("offset",)}
 """What else a law of sensors may turn out to be, by its group: where a corner does not show, charges are offsets."""
-OF_GROUP = {
+NUMBERS_OF_GROUP = {
     "air": ("air_stiffness", "air_per_length", "air_rate"),
     "mount": ("mount_gain", "mount_square", "mount_damping", "bed_share", "bed_square", "bed_damping"),
     "contact speed": ("contact_damping", "contact_damping_power"),
@@ -138,7 +138,9 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
             constants.contribute(values[:count], tried, point, axes)
             equation.contribute(values[count:], tried, point, shifted(same_forces(axes, model, tried), shift))
             if not off:
-                off = {place: tried.curve(place) + more_at(place, tried, axes) - standing[place] for place in curves}
+                off = {
+                    place: tried.curve(place) + damping_as_law(place, tried, axes) - standing[place] for place in curves
+                }
             given, said = numbers_of(model), numbers_of(tried)
             for i in (*NUMBERS.values(), V.SLIDING1, V.SLIDING2, V.F_A):
                 if given[i] > 0.0 and (said[i] > 0.0 or i in NUMBERS.values()):
@@ -163,7 +165,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
     return Rival(equation, [(each[:count], each[count:-1]) for each in chosen], least if curves else 0.0)
 
 
-def more_at(place: int, model: Model, axes: Axes) -> Floats | float:
+def damping_as_law(place: int, model: Model, axes: Axes) -> Floats | float:
     """(GRID,) or 0: what the rock's damping by a power of the depth is as a part of the law at a place.
 
     By its tangent in the depth: a force over the speed, and a growth of the rock's force with it.
@@ -201,7 +203,7 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
         place for term in family.terms if isinstance(term, StrengthOnly) for place in acts_at(term.effect, term.form)[0]
     ]
     numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
-    return places, [*OF_GROUP.get(family.group, numbers)]
+    return places, [*NUMBERS_OF_GROUP.get(family.group, numbers)]
 
 
 def rivals(fitted: Fitted, family: Family) -> list[Rival]:

@@ -25,7 +25,7 @@ of a model where they are ended for their number of steps."""
 SHORT = Limits(20, 0.5, 0.02)
 """By which families, and equations in the place of a law, are compared before those that come near are followed to
 their ends."""
-HURRIED = Limits(20, 0.5, 0.1)
+LOOSE = Limits(20, 0.5, 0.1)
 """The same where another has left nothing: what explains as much goes there in long steps."""
 ROUNDS = 3
 """Times, at most, that what stands out is begun anew: beside what was found others may stand out."""

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drillenv.diagnosis.fitting import (
-    HURRIED,
+    LOOSE,
     SHORT,
     TIGHT,
     Fitted,
@@ -364,7 +364,7 @@ def refine_candidates(
     for each in chosen:
         # beside one that leaves nothing, what creeps is no rival
         ended = [other for _, other in fits] if best is None else [best]
-        limits = HURRIED if any(other.reduced_chi_square < 1.0 + LEFT for other in ended) else SHORT
+        limits = LOOSE if any(other.reduced_chi_square < 1.0 + LEFT for other in ended) else SHORT
         if each.family.starting_strength and each.gain >= NEAR * promised:
             found = from_above(fitted, each.family)
         elif each.family.has_states and most_is_left:

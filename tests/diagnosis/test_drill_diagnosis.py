@@ -76,25 +76,19 @@ def test_a_wrong_constant_is_named_and_right(monkeypatch):
     assert record["cells"] == []
 
 
-def test_the_librarys_equation_gives_the_form_and_its_parameter():
-    _, outcome = diagnosed(23, concealing("contact-rate", 0, chi=0.6))
+@pytest.mark.parametrize(
+    ("seed", "equation", "hidden", "form", "parameters", "error"),
+    [
+        (23, 0, {"chi": 0.6}, "hunt-crossley", {"chi": 0.6}, 0.03),
+        (24, 3, {"c_t": 450.0}, "power of the depth", {"c_d": 450.0, "p_d": 0.25}, 0.05),
+    ],
+)
+def test_the_librarys_equation_gives_the_form_and_its_parameters(seed, equation, hidden, form, parameters, error):
+    _, outcome = diagnosed(seed, concealing("contact-rate", equation, **hidden))
     (finding,) = record_of(outcome, [])["findings"]
-    assert (outcome.verdict, finding["mechanism"], finding["form"]) == (
-        "missing-physics", "contact-rate", "hunt-crossley",
-    )  # fmt: skip
-    assert finding["parameters"]["chi"]["value"] == pytest.approx(0.6, rel=0.03)
-    model = corrected(outcome)
-    assert model_from_record(model_record(model)).effects == model.effects
-
-
-def test_the_power_of_the_depth_by_which_rock_damps_is_measured():
-    _, outcome = diagnosed(24, concealing("contact-rate", 3, c_t=450.0))
-    (finding,) = record_of(outcome, [])["findings"]
-    assert (outcome.verdict, finding["mechanism"], finding["form"]) == (
-        "missing-physics", "contact-rate", "power of the depth",
-    )  # fmt: skip
+    assert (outcome.verdict, finding["mechanism"], finding["form"]) == ("missing-physics", "contact-rate", form)
     values = {name: each["value"] for name, each in finding["parameters"].items()}
-    assert values == pytest.approx({"c_d": 450.0, "p_d": 0.25}, rel=0.05)
+    assert values == pytest.approx(parameters, rel=error)
     model = corrected(outcome)
     assert model_from_record(model_record(model)).effects == model.effects
 
@@ -192,7 +186,20 @@ def test_what_is_misread_of_one_recording_is_its_own():
     assert other.names == other.unknowns == () and own.size == 0
 
 
-def test_another_equation_is_named_with_its_law():
+def test_an_equation_is_named_with_its_law():
+    _, outcome = diagnosed(24, concealing("contact-rate", 1, c_r=500.0))
+    (finding,) = record_of(outcome, [])["findings"]
+    assert (outcome.verdict, finding["mechanism"]) == ("missing-physics", "contact-rate")
+    assert finding["form"] == "kelvin-voigt"
+    law = finding["law"]
+    x, y = np.array(law["x"]), np.array(law["y"])
+    inside = x > 0.02
+    assert np.sqrt(np.mean((y - 500.0 * x)[inside] ** 2)) < 0.1 * np.sqrt(np.mean((500.0 * x[inside]) ** 2))
+    assert np.all(np.array(law["low"]) <= y)
+    assert np.all(y <= np.array(law["high"]))
+
+
+def test_a_measured_law_is_named_and_is_a_model():
     _, outcome = diagnosed(24, concealing("contact-rate", 2, a=0.4))
     (finding,) = record_of(outcome, [])["findings"]
     assert (outcome.verdict, finding["mechanism"]) == ("missing-physics", "contact-rate")
@@ -204,7 +211,7 @@ def test_another_equation_is_named_with_its_law():
     assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(y[inside] ** 2))
     assert np.all(np.array(law["low"]) <= y)
     assert np.all(y <= np.array(law["high"]))
-    # a measured law is a model: it goes into the file and comes back
+    # it goes into the file and comes back
     model = corrected(outcome)
     assert [each.effect.name for each in model.effects] == ["tabulated-rate-factor", "tabulated-rate-force"]
     assert model_from_record(model_record(model)).effects == model.effects

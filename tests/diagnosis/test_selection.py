@@ -10,7 +10,7 @@ import pytest
 from drillenv.diagnosis import naming, resolution, selection, steps
 from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
-from drillenv.diagnosis.fitting import HURRIED, SHORT, TIGHT, Fitted, penalty
+from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
 from drillenv.diagnosis.naming import Named, Tried, name_law
 from drillenv.diagnosis.resolution import refined
@@ -487,7 +487,7 @@ def test_an_equation_is_tried_from_the_model_without_the_law_too(monkeypatch, le
     assert [each.worse for each in named.tried] == worse
 
 
-@pytest.mark.parametrize(("left", "limits"), [(1.02, HURRIED), (1.3, SHORT)])
+@pytest.mark.parametrize(("left", "limits"), [(1.02, LOOSE), (1.3, SHORT)])
 def test_beside_a_family_that_leaves_nothing_others_are_not_followed_while_they_creep(monkeypatch, left, limits):
     given = []
 
