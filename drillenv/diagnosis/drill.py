@@ -36,7 +36,7 @@ from drillenv.diagnosis.drill_unknowns import (
     states_under,
 )
 from drillenv.diagnosis.engine import Raw, Varied, assembled, columns_of, raw_of
-from drillenv.diagnosis.noise import NoiseModel, nuisance, whiten
+from drillenv.diagnosis.noise import NoiseModel, line_columns, nuisance, whiten
 from drillenv.diagnosis.solver import Floats, Quadratic
 from drillenv.diagnosis.terms import REACH, Model, ModelStructure, OperatingPoint
 from drillenv.dynamics.constitutive.tables import NotSmoothError
@@ -196,6 +196,16 @@ class ShootingProblem(RecordingProblem):
         model = self.noise[channel]
         count = len(model.lines)
         return [(f, model.std * mine[[i, count + i]]) for i, f in enumerate(model.lines)]
+
+    def constant_added(self, own: Floats) -> Floats:
+        """(2,) mean over the recording of what lines add that make less than a turn in it: constants and drifts."""
+        n, rate = self.measured.shape[-1], self.data.rate
+
+        def mean(channel: int) -> float:
+            slow = [(f, sizes) for f, sizes in self.lines_of(channel, own) if f * n < rate]
+            return sum(float(sizes @ line_columns([f], rate, n).mean(axis=1)) for f, sizes in slow)
+
+        return np.array([mean(0), mean(1)])
 
     @property
     def locals(self) -> int:
@@ -382,9 +392,17 @@ class ShootingProblem(RecordingProblem):
         read = self.read(values, signals) + self.disturbance(own)
         return self.mask_and_whiten((self.measured - read)[:, self.judged])
 
+    def touching(self, signals: Floats) -> NDArray[np.bool_]:
+        """(fine samples,) at which the rock pushes in simulated signals (2, fine samples)."""
+        return signals[0] > 0.0
+
+    def point_of(self, signals: Floats) -> OperatingPoint:
+        """The operating point with what simulated signals say of the contact."""
+        return self.point._replace(touching=self.touching(signals))
+
     def read(self, values: Floats, signals: Floats) -> Floats:
         """(2, n) what the logger makes of the simulated signals, the lines aside."""
-        read = self.sampled(values, self.structure.observe(values, signals, self.point))
+        read = self.sampled(values, self.structure.observe(values, signals, self.point_of(signals)))
         # what is added is slow, so that the logger's filter lets it pass
         point = self.point._replace(rate=self.data.rate)
         return read + self.structure.added(values, read.shape[1], point, int(self.data.starts[0]))

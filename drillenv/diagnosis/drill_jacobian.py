@@ -115,7 +115,7 @@ def indices_of_states(block: ShootingProblem, states: NDArray[np.int64], kept: i
 
 def columns_read(block: ShootingProblem, values: Floats, raw: Raw) -> Floats:
     """(columns, 2, judged) by what the weighed reading changes with columns of the integrator."""
-    seen = block.structure.observe(values, raw.by_column, block.point)
+    seen = block.structure.observe(values, raw.by_column, block.point_of(raw.signals))
     return block.mask_and_whiten(block.sampled(values, seen)[:, :, block.judged])
 
 
@@ -219,12 +219,15 @@ def window_columns(block: ShootingProblem, values: Floats, raw: Raw) -> Floats:
     over, (low, high) = block.over, spans(block)
     longest = int((high - low).max())
     parts = np.zeros((block.windows, len(raw.by_state), 2, longest * over))
+    there = block.touching(raw.signals)
+    touching = np.zeros((block.windows, 1, longest * over), dtype=bool)
     for i, (begin, end) in enumerate(zip(block.starts[:-1], block.starts[1:], strict=True)):
         seen = min(int(end - begin), int(high[i] - low[i] - REACH) * over)
         if seen > 0:
             own = raw.by_state[:, :, begin : begin + seen]
             parts[i, :, :, REACH * over : REACH * over + seen] = own
-    parts = block.sampled(values, block.structure.observe(values, parts, block.point))
+            touching[i, :, REACH * over : REACH * over + seen] = there[begin : begin + seen]
+    parts = block.sampled(values, block.structure.observe(values, parts, block.point._replace(touching=touching)))
     before = block.judged.start - int(low[0])
     parts[0, :, :, :before] = 0.0
     parts[0, :, 1, before : before + block.warm_up] = 0.0
@@ -315,13 +318,13 @@ def reading_jacobian(
             at.append(parts[i].start - parts[first].start + j)
             rows.append(row)
 
-    chain, signals = block.structure.signal_chain, said
+    chain, signals, point = block.structure.signal_chain, said, block.point_of(said)
     for place, i in enumerate(chain):
-        passed = terms[i].observe(values[parts[i]], signals, block.point)
+        passed = terms[i].observe(values[parts[i]], signals, point)
         if i >= first:
-            moved = observed_columns(terms[i], values[parts[i]], signals, passed, block.point)
+            moved = observed_columns(terms[i], values[parts[i]], signals, passed, point)
             for k in chain[place + 1 :]:
-                moved = terms[k].observe(values[parts[k]], moved, block.point)
+                moved = terms[k].observe(values[parts[k]], moved, point)
             for j, row in enumerate(block.sampled(values, moved)):
                 note(i, j, row)
         signals = passed

@@ -18,15 +18,25 @@ from drillenv.diagnosis.evidence import AGREED, cell, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import Fitted
 from drillenv.diagnosis.laws import LOGARITHMS, PLACE_NAMES, Curve, Equation, axes_visited
-from drillenv.diagnosis.measured import Visited, hum_amplitudes, hum_spectrum, measured_law, measured_response, quantity
+from drillenv.diagnosis.measured import (
+    Visited,
+    frequencies_shown,
+    hum_amplitudes,
+    hum_spectrum,
+    measured_law,
+    measured_response,
+    quantity,
+    response_record,
+)
 from drillenv.diagnosis.page import Trace, Wave
-from drillenv.diagnosis.sensing import CHANNELS, Added, Sensor
+from drillenv.diagnosis.sensing import CHANNELS, Added, OwnDelays, Sensor
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.tables import LARGEST_LOG
+from drillenv.diagnosis.terms import Term
 from drillenv.diagnosis.thresholds import SEVERAL, SILENT, STRUCK_DRILL
 from drillenv.dynamics.constitutive.places import MOUNT_DAMPER, MOUNT_SPRING, WAVEFORM
-from drillenv.dynamics.effects import REGISTRY, Chosen, make
+from drillenv.dynamics.effects import REGISTRY, Chosen, Effect, make
 from drillenv.dynamics.hybrid import vector_field as V
 from drillenv.recordings import Campaign
 from drillenv.rig import FREQUENCY_RANGE, PRESSURE_RANGE, Rig
@@ -82,7 +92,13 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
         "evidence": {"gain": round(step.gain, 1), "freedom": step.dof, **cited(effect, named.equation is not None)},
     }
     terms = step.terms
-    if isinstance(terms[0], Added):
+    own = of_recordings(outcome.every, terms[0])
+    if own:
+        entry["recordings"] = own
+        entry["parameters"] = means(final, terms[0], own, effect)
+        if isinstance(terms[0], OwnDelays):
+            entry["law"] = level(final, entry["parameters"]["delay_a"])
+    elif isinstance(terms[0], Added):
         entry["parameters"] = entry["parameters"] or parameters_of(final, terms[0])
         hums = [each for each in terms if isinstance(each, Added) and each.orders]
         if hums:
@@ -100,6 +116,53 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
         nearest = named.tried[0] if named.tried and named.equation is None else None
         entry["law"] = measured_law(final, step.family, terms, ranges, nearest)
     return entry
+
+
+def of_recordings(estimates: Sequence[StateEstimate], term: Term) -> dict[str, dict[str, float]]:
+    """What is each recording's own of a delay or an offset, those held out included; {} where it is none of these."""
+    if isinstance(term, OwnDelays):
+        return {each.block.name: {"delay_a": float(own_values(each, term)[0])} for each in estimates}
+    if isinstance(term, Added) and term.names and not term.orders:
+        # of recordings held out a constant is a line of the noise
+        added = {each.block.name: each.block.constant_added(each.own) + term_mean(each, term) for each in estimates}
+        return {name: {"o_f": float(both[0]), "o_a": float(both[1])} for name, both in added.items()}
+    return {}
+
+
+def own_values(estimate: StateEstimate, term: Term) -> Floats:
+    """Parameters of a term in one recording."""
+    structure, values = estimate.block.structure, estimate.shared * estimate.block.scales
+    there = structure.current([term])[0]
+    return there.of_recording(estimate.block.name, values[structure.part(term.name)])[1]
+
+
+def term_mean(estimate: StateEstimate, term: Added) -> Floats:
+    """(2,) mean over a recording of what a term adds to its channels; 0 where its model does not have it."""
+    structure, block = estimate.block.structure, estimate.block
+    if not structure.current([term]):
+        return np.zeros(2)
+    values = (estimate.shared * block.scales)[structure.part(term.name)]
+    said = term.add(values, block.point._replace(rate=block.data.rate), block.data.force.size)
+    return np.zeros(2) if said is None else said.mean(axis=1)
+
+
+def means(final: Fitted, term: Term, own: Mapping[str, Mapping[str, float]], effect: Effect) -> dict[str, Any]:
+    """Means over recordings of what is each one's own, with the standard deviations of the means."""
+    found = {}
+    for symbol in next(iter(own.values())):
+        each = np.array([values[symbol] for values in own.values()])
+        if each.size > 1:
+            std = float(each.std(ddof=1)) / math.sqrt(each.size)
+        else:
+            std = float(deviations(final)[final.indices_of([term])][0])
+        found[symbol] = quantity(float(each.mean()), std, effect.parameter(symbol).unit)
+    return found
+
+
+def level(final: Fitted, mean: Mapping[str, float]) -> dict[str, Any]:
+    """A lag that is the same at each frequency, as ``law`` of a report."""
+    frequency = frequencies_shown(final)
+    return response_record("s", frequency, np.full(frequency.size, mean["value"]), np.full(frequency.size, mean["std"]))
 
 
 def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:

@@ -427,6 +427,17 @@ def near(lines: Sequence[tuple[float, Floats]], frequency: float) -> Floats:
     return min(there, key=lambda each: each[0])[1] if there else np.zeros(2)
 
 
+def frequencies_shown(fitted: Fitted) -> Floats:
+    """(POINTS,) Hz, over which the response of a sensor is shown."""
+    rate = min(each.data.rate for each in fitted.blocks)
+    return np.linspace(50.0, min(0.35 * rate, 4000.0), POINTS)
+
+
+def response_record(unit: str, frequency: Floats, y: Floats, spread: Floats) -> dict[str, Any]:
+    """A lag in s, or a gain less 1, over the frequency in Hz, as ``law`` of a report."""
+    return law_record("frequency", "Hz", "s" if unit == "s" else "1", frequency, y, spread)
+
+
 def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -> dict[str, Any]:
     """What a sensor makes of a channel, as ``law`` of a report.
 
@@ -434,8 +445,7 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
     less 1 over frequency.
     """
     unit = REGISTRY[mechanism].parameters[0].unit
-    rate = min(each.data.rate for each in fitted.blocks)
-    frequency = np.linspace(50.0, min(0.35 * rate, 4000.0), POINTS)
+    frequency = frequencies_shown(fitted)
     channels = (0, 0) if terms[0].name == FORCE_LAG else (1, 1)
     if unit == "kg":
         channels = (1, 0)
@@ -454,7 +464,7 @@ def measured_response(fitted: Fitted, terms: Sequence[Sensor], mechanism: str) -
 
     y, spread = with_spread(fitted, inside, curve)
     if unit != "kg":
-        return law_record("frequency", "Hz", "s" if unit == "s" else "1", frequency, y, spread)
+        return response_record(unit, frequency, y, spread)
     # a mass, by the force that it adds to an acceleration; the lowest frequencies carry most of it
     every = np.concatenate([each.measured[1] for each in fitted.blocks])
     low, high = np.percentile(every, [1.0, 99.0])

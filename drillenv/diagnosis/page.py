@@ -468,6 +468,7 @@ def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
         "equation": evidence["equation"],
         "source": list(_linked(evidence["source"])),
         "strengths": [_strength(mechanism, *each) for each in finding["parameters"].items()],
+        "recordings": _by_recording(finding),
         "law": "law" in finding,
         "beside": _beside(finding.get("law", {})),
         "equivalents": _listed(finding["equivalents"]),
@@ -476,6 +477,16 @@ def _finding(finding: Mapping[str, Any]) -> dict[str, Any]:
         "lag": [_strength(mechanism, *each) for each in evidence.get("beside_a_free_lag", {}).items()],
         "more": [(_words(key), number(each)) for key, each in more.items()],
     }
+
+
+def _by_recording(finding: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names of recordings, and what parameters that differ between recordings are in each; nothing where none does."""
+    units = {symbol: _unit(entry["unit"]) for symbol, entry in finding["parameters"].items()}
+    every = finding.get("recordings", {}).items()
+    return [
+        (name, ", ".join(f"{symbol} {number(value)} {units[symbol]}" for symbol, value in own.items()))
+        for name, own in every
+    ]
 
 
 def _beside(law: Mapping[str, Any]) -> str:

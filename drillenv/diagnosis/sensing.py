@@ -1,8 +1,9 @@
 """What sensors make of force and acceleration, as terms: free laws that are linear, and textbook equations.
 
 Signals are (..., 2, n), force in N and acceleration in m/s^2 along the axis before the last; every term is linear in
-them. What remembers starts settled on a signal's first sample, 0 in a window's own response; only the high-pass starts
-from rest, and says in ``add`` what it remembers of the time before. Terms of a model belong in the order of ``stage``.
+them as long as the rock is touched at the same samples. What remembers starts settled on a signal's first sample, 0 in
+a window's own response; only the high-pass starts from rest, and says in ``add`` what it remembers of the time before.
+Terms of a model belong in the order of ``stage``.
 """
 
 from __future__ import annotations
@@ -239,6 +240,20 @@ class Response(Sensor):
 
 
 @dataclass(frozen=True)
+class MassInContact(Sensor):
+    """A mass in kg in front of the load cell that moves with the indenter only while they touch."""
+
+    def observe(self, values: Floats, signals: Floats, point: OperatingPoint) -> Floats:
+        """The force with the mass's inertia in contact."""
+        if not values[0]:
+            return signals
+        read = signals.copy()
+        inertia = values[0] * signals[..., ACCELERATION, :]
+        read[..., FORCE, :] += inertia if point.touching is None else inertia * point.touching
+        return read
+
+
+@dataclass(frozen=True)
 class FreeResponse(Sensor):
     """What a channel makes of its signal: lags, low-passes and resonators, each as much as it likes.
 
@@ -400,12 +415,6 @@ class OwnDelays(Sensor):
         own = values[self.names.index(name)] if name in self.names else float(np.mean(values))
         return replace(self, unknowns=self.unknowns[:1], names=(name,)), np.array([own])
 
-    def summed_up(self, values: Floats, covariance: Floats) -> dict[str, tuple[float, float, str]]:
-        """The mean over recordings, and the standard deviation of it."""
-        count = len(values)
-        std = float(values.std(ddof=1)) / math.sqrt(count) if count > 1 else math.sqrt(float(covariance[0, 0]))
-        return {"delay_a": (float(values.mean()), std, "s")}
-
 
 @dataclass(frozen=True)
 class Added(Sensor):
@@ -454,25 +463,15 @@ class Added(Sensor):
         return float(values[0]) if len(values) > sizes else self.frequency
 
     def stated(self, values: Floats, spread: Floats) -> dict[str, dict[str, Any]]:
-        """What is each recording's own by the library's symbols.
-
-        Of a hum its frequency and the root mean square over recordings of the amplitude of its first order; of an
-        offset the mean over recordings with its standard deviation.
-        """
-        if not self.names:
+        """Of a hum its frequency and the root mean square over recordings of the amplitude of its first order."""
+        if not self.names or not self.orders:
             return super().stated(values, spread)
         sizes, spreads = self.waves(values), self.waves(spread)
-        found = {}
-        if self.orders:
-            frequency, std = self.frequency_of(values), float(spread[0]) if sizes.size < len(values) else 0.0
-            found["f_m"] = {"value": frequency, "std": std, "unit": "Hz"}
+        frequency, std = self.frequency_of(values), float(spread[0]) if sizes.size < len(values) else 0.0
+        found = {"f_m": {"value": frequency, "std": std, "unit": "Hz"}}
         for i, (channel, (_name, unit)) in enumerate(zip("fa", CHANNELS, strict=True)):
-            if self.orders:
-                size, std = mean_amplitude(sizes[:, i, :2], spreads[:, i, :2])
-            else:
-                size, count = float(sizes[:, i, 0].mean()), len(self.names)
-                std = float(sizes[:, i, 0].std(ddof=1)) / math.sqrt(count) if count > 1 else 0.0
-            found[f"{'b' if self.orders else 'o'}_{channel}"] = {"value": size, "std": std, "unit": unit}
+            size, std = mean_amplitude(sizes[:, i, :2], spreads[:, i, :2])
+            found[f"b_{channel}"] = {"value": size, "std": std, "unit": unit}
         return found
 
 
@@ -564,6 +563,8 @@ def textbook_sensors(names: Sequence[str], rate: float) -> list[Sensor]:
     coupled = mechanism_of_law(HIGH_PASS)
     corners = _own(coupled, {"corner_f": 0.05, "corner_a": 0.05}, {"corner_f": 0.5, "corner_a": 0.5})
     found.append(Coupling(coupled, (*corners, *_charges(names)), 3, effect=coupled, names=tuple(names)))
+    cell = mechanism_of_law("load cell")
+    found.append(MassInContact(f"{cell} in contact", _own(cell, {"m_t": 0.02}, {"m_t": 0.0}), 0, effect=cell))
     hum, offset = mechanism_of_law("hum"), mechanism_of_law(OFFSET)
     found += [added(names, line, (1,), *_own(hum, {"f_m": 0.01}, {"f_m": line})) for line in (50.0, 60.0)]
     zero = _own(offset, {"o_f": 4.0, "o_a": 2.0}, {"o_f": 0.0, "o_a": 0.0})
@@ -602,6 +603,7 @@ def sensor_families(
         ("lag", " of each recording", OwnDelays("own delays", delays, 3, names=tuple(names))),
         ("load cell", "", Response("load cell", CELL_MASSES, 0, law=_inertia)),
         ("load cell", " with a response of its own", cell),
+        ("load cell", " in contact only", MassInContact("load cell in contact", _free(["m_t"], 0.02, "kg"))),
         (OFFSET, "", added(names)),
         (OFFSET, " that drifts", added(names, degree=1)),
         *(("hum", f" {line:g} Hz", added(names, line, (1, 2))) for line in (50.0, 60.0)),

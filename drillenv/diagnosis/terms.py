@@ -10,6 +10,7 @@ from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drillenv.diagnosis.equations import Around, acts_at, curve_at
 from drillenv.diagnosis.solver import Floats
@@ -41,6 +42,8 @@ class OperatingPoint(NamedTuple):
     """bar, as stated."""
     rate: float
     fresh: bool
+    touching: NDArray[np.bool_] | None = None
+    """(..., n) at which samples of a channel the rock pushes; None where no motion is known, as if at all of them."""
 
 
 SCALARS = LONGEST + 1

@@ -140,3 +140,12 @@ def test_a_transducer_says_what_it_drew_for_a_recording(mechanism, name, paramet
     else:
         late = np.sin(2.0 * math.pi * 160.0 * (TIME - told.realised["delay_a"]))
         np.testing.assert_allclose(read.acceleration[2000:-2000], late[2000:-2000], atol=5e-6)
+
+
+def test_a_mass_in_contact_only_is_read_as_by_the_library():
+    force, acceleration = 100.0 * np.sin(600.0 * TIME), 20.0 * np.cos(700.0 * TIME)
+    force = np.maximum(force, 0.0)
+    told = scene()._replace(touching=force > 0.0)
+    found = sensors.mass_in_contact(sensors.Signals(force, force, acceleration), told, {"m_c": 0.2}).force
+    library = read(Channels(RATE, 0.0, force, force, acceleration, True), [make("load-cell-inertia", m_t=0.2)])
+    np.testing.assert_allclose(found, library.force, atol=1e-12)

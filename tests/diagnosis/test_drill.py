@@ -109,7 +109,21 @@ def test_a_law_takes_up_what_constants_are_off(plain, group, wrong):
 def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
     # the steps of the engine adapt: a difference of costs has their error in it
     monkeypatch.setattr(drill, "TOLERANCE", 1e-10)
-    block, shared, own = with_law(plain, group)
+    check_derivatives(*with_law(plain, group))
+
+
+def test_derivatives_beside_a_mass_that_moves_in_contact_only(plain, monkeypatch):
+    monkeypatch.setattr(drill, "TOLERANCE", 1e-10)
+    block, shared, own = plain
+    every = sensor_families([block.name], block.data.rate)
+    (law,) = (each for each in every if each.name == "load cell in contact only")
+    block = replace(block, structure=replace(block.structure, terms=(*block.structure.terms, *law.terms)))
+    shared = np.append(shared, 5.0)
+    check_derivatives(block, shared, block.estimate_states(shared, own, 4))
+
+
+def check_derivatives(block, shared, own):
+    """The gradient by shared parameters and by some of its own unknowns is that of differences of costs."""
     found = block.quadratic(shared, own)
 
     def close(gradient, curvature, difference):

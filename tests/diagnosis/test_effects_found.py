@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drillenv.blind.campaigns import plain_campaign
+from drillenv.blind.campaigns import NOISE, plain_campaign
 from drillenv.blind.mechanisms import MECHANISMS, OUTSIDE, Site, concealed, of_library
 from drillenv.diagnosis.drill_identification import places_of
 from drillenv.diagnosis.laws import equations, families
@@ -59,6 +59,22 @@ def test_mechanism_is_found(name):
             assert abs(found["value"]) <= math.pi
             off = math.remainder(off, 2.0 * math.pi)
         assert abs(off) < SURE * found["std"], symbol
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["channel-delay", "sensor-offset"])
+def test_what_is_another_in_each_recording_is_said_of_each(name):
+    """Those that were held out as well: of a few recordings their mean would be another."""
+    rng = np.random.default_rng([SEED, *name.encode()])
+    (equation,) = (each for each in MECHANISMS[name].equations if each.name == "another in each recording")
+    made = plain_campaign(rng, 4, (concealed(name, equation, rng, 1.0, SITE),), recordings=5, seconds=0.2)
+    (finding,) = diagnose(made.campaign).record["findings"]
+    assert finding["mechanism"] == name
+    assert finding["recordings"].keys() == {each.name for each in made.campaign.recordings}
+    (mechanism,) = made.answer["mechanisms"]
+    parameters = {symbol: entry["value"] for symbol, entry in finding["parameters"].items()}
+    found = parameters["delay_a"] if name == "channel-delay" else parameters["o_f"] / NOISE[1]
+    assert found == pytest.approx(mechanism["law_realised"]["y"][0], rel=0.03)
 
 
 @pytest.mark.slow
