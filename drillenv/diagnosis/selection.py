@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -298,8 +299,7 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
         resonant = [each for each in resonant if each.gain >= NEAR * promised]
     if resonant:
         found = refine_candidates(fitted, resonant, say, promised, fits[0][1] if fits else None)
-        fits += [(each, other) for each, other in found if strength_shows(each.family, other)]
-        fits.sort(key=lambda pair: penalised(*pair, fitted))
+        fits = sorted([*fits, *of_some_strength(found, fits, say)], key=lambda pair: penalised(*pair, fitted))
     fits = [(each, other) for each, other in fits if is_material(each.family, other)]
     if not fits:
         return None
@@ -316,11 +316,45 @@ def is_material(family: Family, fitted: Fitted) -> bool:
     return family.least == 0.0 or float(np.abs(fitted.values_of(family.terms[0].name)).max()) >= family.least
 
 
-def strength_shows(family: Family, fitted: Fitted) -> bool:
-    """Whether the strength of a family with states of its own, its first parameter, is told from none in a fit.
+Fits = Sequence[tuple[Score, Fitted]]
+"""Families with a fit of each, the best first."""
 
-    Its states, which begin anywhere near rest, gain something even where it has no strength (a Wald test).
+
+def of_some_strength(found: Fits, fits: Fits, say: Say) -> Fits:
+    """Those ``found`` whose families, which have states of their own, have a strength as well.
+
+    The states, which begin anywhere near rest, gain something even where it has none. In a model that is far off the
+    Wald test's quadratic says little: the one that would come before all other ``fits`` is put to the likelihood ratio.
     """
+    shown = [(each, other) for each, other in found if strength_shows(each.family, other)]
+    others = [other.cost for _, other in (*fits, *shown)]
+    for each, other in found:
+        if other.cost < min(others, default=math.inf) and not strength_shows(each.family, other):
+            gain = gain_of_strength(each.family, other)
+            say(f"  {each.family.name}: its strength gains {gain:.1f} over its states alone")
+            return [(each, other), *shown] if gain > 0.5 * float(chi2.isf(FALSE_ALARMS, 1)) else shown
+    return shown
+
+
+def gain_of_strength(family: Family, fitted: Fitted) -> float:
+    """What the strength of a family with states of its own, its first parameter, gains in a fit over its states alone.
+
+    In log-likelihood, half of the likelihood ratio.
+    """
+    term, structure = family.terms[0], fitted.structure
+    none = float(term.neutral[0])
+    first = fitted.structure.current([term])[0].unknowns[0]._replace(value=none, low=none, high=none)
+    pinned = [
+        replace(each, unknowns=(first, *each.unknowns[1:])) if each.name == term.name else each
+        for each in structure.terms
+    ]
+    start = fitted.fit.shared.copy()
+    start[fitted.indices_of([term])[0]] = none / term.scales[0]
+    return fitted.refit(replace(structure, terms=tuple(pinned)), start, SHORT, states_first=True).cost - fitted.cost
+
+
+def strength_shows(family: Family, fitted: Fitted) -> bool:
+    """Whether the strength of a family with states of its own, its first parameter, is told from none (a Wald test)."""
     term = family.terms[0]
     i = fitted.indices_of([term])[0]
     off = fitted.fit.shared[i] - term.neutral[0] / term.scales[0]
