@@ -166,7 +166,7 @@ def priors_of(structure: ModelStructure) -> Priors:
     unknowns = structure.unknowns
     scales = structure.scales
     return Priors(
-        np.array([each.value for each in unknowns]) / scales,
+        structure.start,
         scales / np.array([each.std for each in unknowns]),
         np.array([each.low for each in unknowns]) / scales,
         np.array([each.high for each in unknowns]) / scales,

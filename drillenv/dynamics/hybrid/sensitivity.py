@@ -131,6 +131,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     air_stiffness,
     argument,
     damping_share,
+    damping_slope,
     is_of_bristles,
     law_at,
     look,
@@ -395,7 +396,7 @@ def linearise(
         extra += resists * into
         extra_v += resists
         # at the face a power below 1 has no finite slope: see mend_onset
-        extra_w = m[CONTACT_DAMPING_POWER] * resists * into / z[W] if z[W] > 0.0 else 0.0
+        extra_w = damping_slope(m, z[W]) * into
     lin[BY_F_A], lin[BY_PHASE] = shape + bent * sine, m[F_A] * (shape_theta + bent * cosine)
     lin[BY_LAG] = -m[F_A] * sine * passed**3 * ratio * m[OMEGA] / TURN
     rock_w, rock_v, lin[GAIN] = lin[LAW_W] * factor + extra_w, lin[LAW_FORCE] * factor_v + extra_v, factor
@@ -513,9 +514,9 @@ def by_scalars(m: np.ndarray, d: np.ndarray, z: np.ndarray, dz: np.ndarray, lin:
     by[F_A, BY_V2], by[DRIVE_LAG, BY_V2] = lin[BY_F_A], lin[BY_LAG]
     by[KL, BY_ROCK], by[KU, BY_ROCK] = lin[BY_KL] * lin[GAIN], lin[BY_KU] * lin[GAIN]
     by[GRIP1, BY_V1], by[GRIP2, BY_V2] = -d[SLIDE1], -d[SLIDE1 + 1]
-    given, bend = z[U] - z[BED], z[UD] - z[BED_SPEED]
-    by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -given, -bend
-    by[MOUNT_SQUARE, BY_BED], by[MOUNT_DAMPING, BY_BED] = m[BED_SHARE] * given, m[BED_SHARE] * bend
+    deflection, rate = z[U] - z[BED], z[UD] - z[BED_SPEED]
+    by[MOUNT_GAIN, BY_UD], by[MOUNT_SQUARE, BY_UD], by[MOUNT_DAMPING, BY_UD] = lin[ROCK], -deflection, -rate
+    by[MOUNT_SQUARE, BY_BED], by[MOUNT_DAMPING, BY_BED] = m[BED_SHARE] * deflection, m[BED_SHARE] * rate
     by[BED_SHARE, BY_BED] = m[MOUNT_GAIN] * lin[ROCK] - dz[UD]
     by[BED_SQUARE, BY_BED], by[BED_DAMPING, BY_BED] = -z[BED], -z[BED_SPEED]
     left = air_left(m, z[Q])
@@ -657,8 +658,7 @@ def mend_onset(m: np.ndarray, s: float, scratch: np.ndarray, work: Variation) ->
     for k in range(1, POINTS):
         inside_step(m, end * POINTS_AT[k], scratch)
         w, into = scratch[SPARE, W], scratch[SPARE, V2] - scratch[SPARE, UD]
-        if w > 0.0:
-            mean -= INTEGRALS[LAST, k] * m[CONTACT_DAMPING_POWER] * m[CONTACT_DAMPING] * damping_share(m, w) * into / w
+        mean -= INTEGRALS[LAST, k] * damping_slope(m, w) * into
     more = mean / INTEGRALS[LAST, 0]
     work.lin[0, ROCK_W] += more
     work.j[0, V2, W] -= more / m[M2]

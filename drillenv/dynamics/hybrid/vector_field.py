@@ -391,6 +391,12 @@ def damping_share(m: np.ndarray, w: float) -> float:
 
 
 @njit(**INLINED)
+def damping_slope(m: np.ndarray, w: float) -> float:
+    """By what the rock's damping in N s/m rises with the depth ``w`` in m; none behind the face and at it."""
+    return m[CONTACT_DAMPING_POWER] * m[CONTACT_DAMPING] * damping_share(m, w) / w if w > 0.0 else 0.0
+
+
+@njit(**INLINED)
 def extra_forces(
     m, d, regime: int, shift: float, theta: float, law: float, drive: float, z, dz, push
 ) -> tuple[float, float, float, float]:
@@ -516,10 +522,10 @@ def field(m: np.ndarray, d: np.ndarray, shift: float, z: np.ndarray, dz: np.ndar
     dz[V1], dz[V2] = one * (1.0 / m[M1]), two * (1.0 / m[M2])
     dz[BED], dz[BED_SPEED] = z[BED_SPEED], 0.0
     if m[MOVING] > U:
-        given, bend = z[U] - z[BED], ud - z[BED_SPEED]
-        dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * given - m[MOUNT_DAMPING] * bend - on_mount
+        deflection, rate = z[U] - z[BED], ud - z[BED_SPEED]
+        dz[UD] = m[MOUNT_GAIN] * rock - m[MOUNT_SQUARE] * deflection - m[MOUNT_DAMPING] * rate - on_mount
         if m[BED_SQUARE] > 0.0:
-            held = m[MOUNT_SQUARE] * given + m[MOUNT_DAMPING] * bend + on_mount
+            held = m[MOUNT_SQUARE] * deflection + m[MOUNT_DAMPING] * rate + on_mount
             dz[BED_SPEED] = m[BED_SHARE] * held - m[BED_SQUARE] * z[BED] - m[BED_DAMPING] * z[BED_SPEED]
         left = air_left(m, z[Q])
         dz[Q] = air_stiffness(m) * left * left * v1 - m[AIR_RATE] * left * z[Q]
