@@ -92,9 +92,10 @@ class Curve(Term):
     def corner(self, x: Floats, at: float) -> Floats:
         """(GRID,) a function with a corner at one argument: a hinge, odd or even where the law is.
 
-        Where the law is the logarithm of a stiffness it is a jump, as the slope of a force that bends has one. It is 0
+        Where the law is the logarithm of a stiffness it is a jump, as the slope of a force that bends has one; of a
+        periodic law a parabola from one corner to the next, without its fundamental, which is the drive's. It is 0
         where the law always is, and holds a straight line only where the law does. All 0 where the smooth functions
-        draw it, and of a periodic law, whose corners are those of a law over the force.
+        draw it.
 
         Args:
             x: (GRID,) the axis of the law.
@@ -106,7 +107,7 @@ class Curve(Term):
         elif np.allclose(self.basis, mirrored, atol=IDENTICAL):
             found = np.maximum(np.abs(x) - abs(at), 0.0)
         elif np.allclose(self.basis[:, 0], self.basis[:, -1], atol=IDENTICAL):
-            return np.zeros(GRID)
+            return self._periodic_corner(x, at)
         else:
             found = np.where(x > at, 1.0, 0.0) if self.place in LOGARITHMS else np.maximum(x - at, 0.0)
         found = found / max(float(np.std(found)), 1e-12)
@@ -116,6 +117,16 @@ class Curve(Term):
         nowhere = [i for i in (0, (GRID - 1) // 2, GRID - 1) if np.all(np.abs(self.basis[:, i]) < IDENTICAL)]
         found = found - found[nowhere].mean() if nowhere else found
         return found if _residual_rms(np.column_stack([smooth, straight]), found) > DRAWN else np.zeros(GRID)
+
+    def _periodic_corner(self, x: Floats, at: float) -> Floats:
+        """(GRID,) a periodic function whose slope jumps at one argument; 0 where the smooth functions draw it."""
+        turned = TWO_PI * (x - x[0]) / (x[-1] - x[0])
+        phase = np.mod((x - at) / (x[-1] - x[0]), 1.0)
+        known = np.column_stack([np.ones(GRID), np.sin(turned), np.cos(turned)])
+        found = phase**2 - phase
+        found = found - known @ np.linalg.lstsq(known, found)[0]
+        found = found / float(np.std(found))
+        return found if _residual_rms(np.column_stack([self.basis.T, known]), found) > DRAWN else np.zeros(GRID)
 
     def with_corner(self, corner: Floats) -> Curve:
         """The same with a function (GRID,) that has a corner."""

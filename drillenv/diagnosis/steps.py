@@ -284,8 +284,10 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
     return None
 
 
-def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
+def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
+
+    A rival that is there already, as a correction of the law that was chosen, is tried alone, without either of them.
 
     What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
     that follows an equation to the noise leaves nothing that a rival could do better, but for one that has explained
@@ -299,10 +301,11 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
         most = -EQUAL if follows else LAW_LEFT * step.gain
         close = [family for family, worse in step.rivals if worse < most]
         step.rivals = [each for each in step.rivals if each[0] not in close]
-        rest, begun = without(fitted, step.terms)
         for family in close:
-            if any(each.family.group == family.group for each in steps):
+            there = [each for each in steps if each.family.group == family.group]
+            if any(not each.corrects for each in there):
                 continue
+            rest, begun = without(fitted, [*step.terms, *(term for each in there for term in each.terms)])
             structure, start = with_more(rest, begun, family)
             other = fitted.refit(structure, start)
             finer = refined(other, family)
@@ -321,5 +324,6 @@ def exchanged(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
             if criterion(found.after, fitted) < criterion(fitted, fitted):
                 step.family, step.dof, step.named, step.terms = family, family.size, found.named, found.terms
                 step.pending, step.provisional, step.detail = found.pending, found.provisional, 1
+                steps[:] = [each for each in steps if all(each is not other for other in there)]
                 return found.after
     return None

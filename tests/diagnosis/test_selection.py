@@ -53,6 +53,7 @@ def score(group: str, gain: float, dof: int = 8, constant: str = "") -> Any:
 def step(group: str, gain: float, equation: object) -> Any:
     return Fake(
         family=Fake(name=group, group=group, constant="", terms=(group,)),
+        gain=gain,
         named=Fake(equation=equation),
         pending=False,
         corrects=False,
@@ -118,8 +119,15 @@ def test_a_law_beside_a_measured_one_of_the_same_force(monkeypatch, gain, equati
     assert found.corrects == corrects
 
 
-def after_exchange(monkeypatch, worse: float, by_equation: float | None, rivalled: float, follows: object = None):
-    """A step beside a rival that came so much ``rivalled`` after it, its name before, and the fit with the rival's law.
+def after_exchange(
+    monkeypatch,
+    worse: float,
+    by_equation: float | None,
+    rivalled: float,
+    follows: object = None,
+    beside: tuple[steps.Step, ...] = (),
+):
+    """Steps beside whose first a rival came so much ``rivalled`` after it, and the fit with the rival's law, or None.
 
     With the rival's law in its place the fit is ``worse``, with an equation for that ``by_equation``.
     """
@@ -163,8 +171,8 @@ def after_exchange(monkeypatch, worse: float, by_equation: float | None, rivalle
     monkeypatch.setattr(steps, "accept", accepted)
     own: Any = Fake(name="indenter", group="indenter", constant="", mechanism="indenter-friction")
     named: Any = Named("indenter-friction", follows)  # type: ignore[arg-type]
-    there = steps.Step(own, 300.0, size, SAMPLES, fitted, named, (), [(rival, rivalled)])
-    return there, named, steps.exchanged(fitted, [there], lambda _: None)
+    there = [steps.Step(own, 300.0, size, SAMPLES, fitted, named, (), [(rival, rivalled)]), *beside]
+    return there, named, steps.exchanged(fitted, there, lambda _: None)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +188,7 @@ def after_exchange(monkeypatch, worse: float, by_equation: float | None, rivalle
 def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_well(
     monkeypatch, worse, by_equation, taken, alike
 ):
-    there, named, found = after_exchange(monkeypatch, worse, by_equation, 0.0)
+    (there,), named, found = after_exchange(monkeypatch, worse, by_equation, 0.0)
     assert (found is not None) == taken
     assert (there.named.mechanism == "damping-quadratic") == taken
     assert ("damping-quadratic" in named.alike) == alike
@@ -195,9 +203,21 @@ def test_a_rival_takes_the_place_of_a_measured_law_where_its_equation_does_as_we
     ],
 )
 def test_a_rival_that_explained_more_takes_the_place_of_an_equation(monkeypatch, rivalled, by_equation, taken):
-    there, _named, found = after_exchange(monkeypatch, -45.0, by_equation, rivalled, follows="delay")
+    (there,), _named, found = after_exchange(monkeypatch, -45.0, by_equation, rivalled, follows="delay")
     assert (found is not None) == taken
     assert there.named.mechanism == ("damping-quadratic" if taken else "indenter-friction")
+
+
+@pytest.mark.parametrize("corrects", [True, False])
+def test_a_rival_that_is_there_as_a_correction_is_tried_alone(monkeypatch, corrects):
+    """One that is there as a mechanism of its own stays, as does what was found beside it."""
+    damper, other = step("damper", 40.0, None), step("toe", 90.0, None)
+    damper.corrects, beside = corrects, (damper, other)
+    for each in beside:
+        each.terms, each.rivals = (), []
+    there, _named, found = after_exchange(monkeypatch, -30.0, None, 0.0, beside=beside)
+    assert (found is not None) == corrects
+    assert there[1:] == ([other] if corrects else list(beside))
 
 
 @pytest.mark.parametrize(("gain", "equation", "corrects"), [(5e3, None, True), (2e5, None, False), (5e3, "one", False)])
