@@ -255,7 +255,7 @@ def test_states_are_not_reinitialised_where_a_fit_stayed_where_it_began(start, t
     """What stands out there did so in the fit before."""
     block = Counted(lambda p, x: np.append(1.0, p))
     only = SimpleNamespace(value=0.0, scale=1.0, std=np.inf, low=-9.0, high=9.0)
-    structure = cast("ModelStructure", SimpleNamespace(unknowns=[only], scales=np.ones(1)))
+    structure = cast("ModelStructure", SimpleNamespace(unknowns=[only], scales=np.ones(1), start=np.zeros(1)))
     found = fit_to([block], [np.zeros(0)], structure, np.array([start]), None, SHORT)
     assert abs(found.fit.shared[0]) < 0.2
     assert block.tried == tries

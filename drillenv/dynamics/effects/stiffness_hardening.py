@@ -23,9 +23,9 @@ EFFECT = Effect(
     parameters=(
         Parameter(
             "k3",
-            "cubic stiffness of the coupling",
+            "cubic stiffness of the coupling, negative of a spring that softens",
             "N/m^3",
-            0.0,
+            -1e13,
             1e13,
             0.0,
             (2e9, 1e10),
@@ -38,7 +38,7 @@ EFFECT = Effect(
     on_body=_on_body,
     body_told_apart="record travels of several sizes about the same middle",
     body_sentence="The spring on the body does not follow a straight line: its stiffness changes with the deflection.",
-    forms=(Form("cubic", ("k3",), ((3e9,),)),),
+    forms=(Form("cubic", ("k3",), ((3e9,), (-2e8,))),),
     body_forms=(Form("cubic", ("k3",), ((0.1,),)),),
     free_laws=("hardening spring",),
 )
