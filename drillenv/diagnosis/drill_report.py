@@ -92,7 +92,7 @@ def finding(outcome: Outcome, step: Step, ranges: Visited) -> dict[str, Any]:
         "evidence": {"gain": round(step.gain, 1), "freedom": step.dof, **cited(effect, named.equation is not None)},
     }
     terms = step.terms
-    own = of_recordings(outcome.every, terms[0])
+    own = dict(sorted(of_recordings(outcome.every, terms[0]).items()))
     if own:
         entry["recordings"] = own
         entry["parameters"] = means(final, terms[0], own, effect)
@@ -148,14 +148,15 @@ def term_mean(estimate: StateEstimate, term: Added) -> Floats:
 
 def means(final: Fitted, term: Term, own: Mapping[str, Mapping[str, float]], effect: Effect) -> dict[str, Any]:
     """Means over recordings of what is each one's own, with the standard deviations of the means."""
-    found = {}
-    for symbol in next(iter(own.values())):
-        each = np.array([values[symbol] for values in own.values()])
-        if each.size > 1:
-            std = float(each.std(ddof=1)) / math.sqrt(each.size)
-        else:
-            std = float(deviations(final)[final.indices_of([term])][0])
-        found[symbol] = quantity(float(each.mean()), std, effect.parameter(symbol).unit)
+    symbols, found = list(next(iter(own.values()))), {}
+    every = np.array([[values[symbol] for symbol in symbols] for values in own.values()])
+    if len(every) > 1:
+        stds = every.std(axis=0, ddof=1) / math.sqrt(len(every))
+    else:
+        # the first parameter of each symbol
+        stds = deviations(final)[final.indices_of([term])].reshape(len(symbols), -1)[:, 0]
+    for symbol, mean, std in zip(symbols, every.mean(axis=0), stds, strict=True):
+        found[symbol] = quantity(float(mean), std, effect.parameter(symbol).unit)
     return found
 
 

@@ -43,7 +43,7 @@ class OperatingPoint(NamedTuple):
     rate: float
     fresh: bool
     touching: NDArray[np.bool_] | None = None
-    """(..., n) at which samples of a channel the rock pushes; None where no motion is known, as if at all of them."""
+    """(..., n) at which samples of a channel the rock pushes; all of them where None: no motion is known."""
 
 
 SCALARS = LONGEST + 1

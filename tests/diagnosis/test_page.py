@@ -286,6 +286,15 @@ def test_a_law_is_told_with_the_constant_beside_it(unit, moves):
     assert ("No channel tells where the displacement is zero" in said) == moves
 
 
+def test_what_differs_between_recordings_is_told_of_each():
+    title, record, waves = drill()
+    record["findings"][0]["recordings"] = {HOSTILE: {"chi": 0.4}, "r02": {"chi": 0.6}}
+    seen = Seen(page(title, record, waves))
+    assert "Another in each recording: these are the means" in seen.words
+    assert "r02: chi 0.6 s/m" in seen.words
+    assert not [each for each in seen.elements if each[0] in ("img", "iframe")]
+
+
 def test_everything_is_on_the_page_in_order(drilled):
     seen = Seen(drilled)
     sections = [each for tag, each in seen.elements if tag == "section"]
