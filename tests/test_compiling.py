@@ -113,7 +113,7 @@ def test_what_a_helper_compiles_is_what_is_called():
     made = sensitivity.make_variation(MODEL, 1), make_scratch(MODEL)
     d = fresh_motion(MODEL).d
     windows = shooting.Windows(
-        np.array([0, 10]), np.zeros((1, OWN)), np.zeros((1, 1, OWN)), 5e4, 0.0, 0.0, shooting.UNCHAINED, 1, 2e-3
+        np.array([0, 10]), np.zeros((1, OWN)), np.zeros((1, 1, OWN)), 5e4, 0.0, 0.0, 0.0, shooting.UNCHAINED, 1, 2e-3
     )
     shot = shooting.Shot(*map(np.zeros, ((OWN, 0), (2, 10), (1, 2, 10), (1, OWN), (1, 1, OWN))))
     shooting.shoot(MODEL, d, 1e-7, windows, sensitivity.by_state(1), shot, *made)

@@ -95,6 +95,8 @@ class Conditioned:
     the indenter's speed in m/s and its depth in m, negative off the rock."""
     thinned: int = 1
     """How many samples of the logger make one of these: see :func:`thinning`."""
+    blow: float = 0.0
+    """N, mean of the force's peaks."""
     quanta: tuple[float, float] = (0.0, 0.0)
     """Steps of the converter on force and acceleration that would leave as much noise on these samples, at least
     :data:`RESOLUTION`."""
@@ -398,6 +400,7 @@ def condition(recording: Recording, rig: Rig, late: float = 0.0) -> Conditioned:
         starts // factor,
         states,
         factor,
+        float(np.mean([resting[on:after].max() for on, after in touches[1:-1]])),
         (less * math.sqrt(12.0) * least_noise, less * math.sqrt(12.0) * least_acceleration_noise),
     )
 

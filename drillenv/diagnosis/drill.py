@@ -45,7 +45,7 @@ from drillenv.dynamics.hybrid.model import fresh_motion
 from drillenv.dynamics.hybrid.runge_kutta import make_scratch
 from drillenv.dynamics.hybrid.sensitivity import make_variation
 from drillenv.dynamics.hybrid.shooting import UNCHAINED, Shot, Windows, shoot
-from drillenv.dynamics.hybrid.vector_field import BED, BENT1, OWN, V1, V2, Q, W, Y
+from drillenv.dynamics.hybrid.vector_field import BED, BENT1, DRILLED, OWN, V1, V2, Q, W, Y
 
 DENSE = 50e3
 """Hz at which motions are followed at least, before the logger's filter."""
@@ -223,6 +223,7 @@ class ShootingProblem(RecordingProblem):
         count = states + len(given)
         labelled, axes = self.labelled(own, model), self.structure.axes
         impacts = max(model.impacts * (1.0 + COUNT_LABEL * own[self.windows * kept + 1]), 0.0)
+        drilled = impacts * model.per_impact
         shot = Shot(
             np.zeros((OWN, n // self.stride if path else 0)),
             np.zeros((2, n)),
@@ -244,14 +245,19 @@ class ShootingProblem(RecordingProblem):
             begin_by[:, :states, :kept] = varied.by_own[:, :, varied.present].transpose(0, 2, 1)
             begin_by[:, states:, :kept] = varied.by_column
         windows = Windows(self.starts, begin, begin_by, self.point.rate, data.phase + made.phase,
-                          impacts, chained, self.stride, GRAZING)  # fmt: skip
-        status, _impacts = shoot(made.model, fresh_motion(made.model).d, TOLERANCE, windows, columns, shot,
-                                 make_variation(made.model, count), make_scratch(made.model))  # fmt: skip
-        return raw_of(shot, begin, states, status == WENT_ON)
+                          impacts, drilled, chained, self.stride, GRAZING)  # fmt: skip
+        d = fresh_motion(made.model).d
+        status, done = shoot(made.model, d, TOLERANCE, windows, columns, shot, make_variation(made.model, count),
+                             make_scratch(made.model))  # fmt: skip
+        per_impact = (float(d[DRILLED]) - drilled) / max(done - impacts, 1.0)
+        return raw_of(shot, begin, states, status == WENT_ON)._replace(per_impact=per_impact)
 
     def path(self, model: Model, own: Floats) -> Floats:
         """(OWN, n) states along the motion, from the first window to the last, at the integrator's steps."""
-        path = self.integrate(model, own, path=True).path
+        return self.inside_path(self.integrate(model, own, path=True).path)
+
+    def inside_path(self, path: Floats) -> Floats:
+        """The part of a path from the first window to the last."""
         return path[:, self.inside.start // self.stride : self.inside.stop // self.stride]
 
     def labelled(self, own: Floats, model: Model) -> Model:
@@ -432,5 +438,5 @@ def point_of(data: Conditioned) -> OperatingPoint:
     """What a term is told of a recording."""
     setting = data.setting
     return OperatingPoint(
-        data.name, data.omega / (2.0 * math.pi), data.amplitude, setting.pressure, data.rate, data.fresh
+        data.name, data.omega / (2.0 * math.pi), data.amplitude, setting.pressure, data.rate, data.fresh, data.blow
     )

@@ -47,6 +47,8 @@ NUMBERS_OF_GROUP = {
     "air": ("air_stiffness", "air_per_length", "air_rate"),
     "mount": ("mount_gain", "mount_square", "mount_damping", "bed_share", "bed_square", "bed_damping"),
     "contact speed": ("contact_damping", "contact_damping_power"),
+    "compaction": ("compaction_length",),
+    "drive slope": ("drive_slope", "drive_slope_share", "drive_delay"),
 }
 """Numbers of the model that equations of a group may set."""
 USUAL_SHARE = 0.5
@@ -134,7 +136,7 @@ def starts_of(fitted: Fitted, family: Family, equation: Equation) -> Rival:
         values, shift, rows = scaled[:-1] * scale, scaled[-1], []
         off: dict[int, Floats] = {}
         for model, point in zip(found, seen, strict=False):
-            tried = Model()
+            tried = Model(per_impact=model.per_impact)
             constants.contribute(values[:count], tried, point, axes)
             equation.contribute(values[count:], tried, point, shifted(same_forces(axes, model, tried), shift))
             if not off:

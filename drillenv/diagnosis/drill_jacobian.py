@@ -20,7 +20,7 @@ from drillenv.diagnosis.solver import Floats, Quadratic
 from drillenv.diagnosis.tables import interpolate
 from drillenv.diagnosis.terms import DRIVE_PHASE, REACH, SCALARS, Model, OperatingPoint, Term
 from drillenv.dynamics.constitutive.places import COMPACTION, DAMPER, SPRING, SPRING_FROM_REST
-from drillenv.dynamics.hybrid.sensitivity import COUNTED, LAW, PHASE
+from drillenv.dynamics.hybrid.sensitivity import COUNTED, DRILLED_BEFORE, LAW, PHASE
 from drillenv.dynamics.hybrid.vector_field import F_B, V1, V2, C, K, Y
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def with_columns_of_labels(columns: list[Column], mixing: Floats, model: Model) 
     """Columns and mixing with those columns beside that derivatives by what is doubtful about labels are made of."""
     more = [] if any(each.kind == F_B for each in columns) else [Column(F_B)]
     if model.impacts > 0.0 and model.bends(COMPACTION):
-        more.append(Column(int(COUNTED)))
+        more += [Column(int(COUNTED)), Column(int(DRILLED_BEFORE))]
     return columns + more, np.concatenate([mixing, np.zeros((len(more), mixing.shape[1]))])
 
 
@@ -134,6 +134,7 @@ def mixing_of_labels(columns: Sequence[Column], model: Model) -> Floats:
     made[kinds.index(F_B), 0] = model.s[F_B] * PRESSURE_LABEL
     if COUNTED in kinds:
         made[kinds.index(COUNTED), 1] = model.impacts * COUNT_LABEL
+        made[kinds.index(DRILLED_BEFORE), 1] = model.impacts * model.per_impact * COUNT_LABEL
     return made
 
 

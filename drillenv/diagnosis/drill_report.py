@@ -176,12 +176,14 @@ def summed_up(final: Fitted, term: Sensor) -> dict[str, Any]:
 
 def visited(estimates: Sequence[StateEstimate]) -> Visited:
     """What recordings visit, by the model that was found."""
-    paths = [each.block.path(each.model, each.own) for each in estimates]
+    runs = [each.block.integrate(each.model, each.own, path=True) for each in estimates]
+    paths = [each.block.inside_path(raw.path) for each, raw in zip(estimates, runs, strict=True)]
     frequencies = [each.block.point.frequency for each in estimates]
     depths = np.concatenate([path[V.W][(path[V.W] > 0.0) & (path[V.V2] > 0.0)] for path in paths])
     depth = float(np.median(depths)) if depths.size else 1e-5
     axes = axes_visited(paths, [each.model for each in estimates])
-    return Visited(axes, (min(frequencies), max(frequencies)), depth)
+    per_impact = float(np.mean([each.per_impact for each in runs]))
+    return Visited(axes, (min(frequencies), max(frequencies)), depth, per_impact)
 
 
 def stated(campaign: Campaign) -> Corrected:

@@ -24,8 +24,8 @@ from drillenv.dynamics.hybrid.model import Placed, assemble, law_table
 from drillenv.dynamics.hybrid.sensitivity import LAW, STATE, Columns
 from drillenv.dynamics.hybrid.shooting import Shot
 
-OWNED = ((V.MOUNT_SQUARE,), (V.AIR_RATE,), (V.DRIVE_LAG,), (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION), (V.GRIP1,),
-         (V.GRIP2,), (V.BRISTLES1,), (V.BRISTLES2,), (V.CONTACT_DAMPING,))  # fmt: skip
+OWNED = ((V.MOUNT_SQUARE,), (V.AIR_RATE,), (V.DRIVE_LAG,), (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION),
+         (V.DRIVE_SLOPE,), (V.GRIP1,), (V.GRIP2,), (V.BRISTLES1,), (V.BRISTLES2,), (V.CONTACT_DAMPING,))  # fmt: skip
 """Scalars by which an effect acts, in the order of its owners in the engine."""
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
@@ -82,6 +82,8 @@ class Raw(NamedTuple):
     """(windows, columns, OWN)"""
     completed: bool
     """Whether the motion could be followed to the end."""
+    per_impact: float = 0.0
+    """m drilled, over the impacts that were made."""
 
 
 def raw_of(shot: Shot, begin: Floats, states: int, completed: bool) -> Raw:

@@ -15,6 +15,7 @@ import numpy as np
 from drillenv.diagnosis.solver import Floats
 from drillenv.dynamics.constitutive.places import (
     CODE,
+    COMPACTION,
     GUIDE,
     INDENTER,
     PLACES,
@@ -47,6 +48,8 @@ class Around(NamedTuple):
     k: float
     kl: float
     ku: float
+    per_impact: float = 0.0
+    """m, about what an impact drills."""
 
 
 def parameters_of(effect: str, form: Form, values: tuple[float, ...]) -> tuple[float, ...]:
@@ -63,13 +66,13 @@ def scalars_of(effect: str, p: tuple[float, ...]) -> dict[str, float]:
 
 def curve_at(effect: str, p: tuple[float, ...], place: int, x: Floats, around: Around) -> Floats:
     """(n,) what an effect adds at a place over arguments x (n,); at the contact a factor on the stiffness."""
-    law = REGISTRY[effect].laws.get(PLACES[place].name)
+    law, numbers = REGISTRY[effect].laws.get(PLACES[place].name), scalars_of(effect, p)
     curve = np.ones_like(x) if place <= UNLOADING else np.zeros_like(x)
     if isinstance(law, Shape):
         curve = _factor(law, p, around, place == UNLOADING, x)
     elif law is not None:
-        curve = law(x, p, around.k)
-    numbers = scalars_of(effect, p)
+        length = numbers.get("compaction_length", 0.0) if place == COMPACTION else 0.0
+        curve = law(x * around.per_impact / length if length > 0.0 else x, p, around.k)
     for name, value in numbers.items():
         if name in GRIPS and GRIPS[name][0] == place:
             way = np.tanh(x / GRIPS[name][1])

@@ -41,11 +41,13 @@ TWO_PI = 2.0 * math.pi
 PLACE_NAMES = tuple(place.name for place in EVERY_PLACE)
 """In the order of the integrator's places."""
 SPRINGS = (SPRING, SPRING_FROM_REST)
+EVEN = 1e3
+"""Scale of an axis over its range, whose points are evenly apart."""
 LEAST = 1e-9
 """Range in m or m/s of an axis over what does not move: of a mount that is not there."""
 LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
-PARTS_WITH_NUMBERS = ("mount", "bed", "air", "contact_damping")
+PARTS_WITH_NUMBERS = ("mount", "bed", "air", "contact_damping", "compaction", "drive_slope", "drive_delay")
 NUMBERS = {name: at for name, at in V.SCALAR_AT.items() if name.startswith(PARTS_WITH_NUMBERS) or "bristle" in name}
 """Places of the numbers that equations set and no curve shows, by their names."""
 NOTHING = 1e-5
@@ -55,6 +57,8 @@ LEAST_FRICTION = 1e-3
 LEAST_GRIP = 1e-6
 """N. With no friction at all the engine does not know which way a mass slides, and so not what more would do."""
 DRIVE_LAG = "drive_lag"
+LONGEST_DELAY = 5e-4
+"""s of a drive whose slope is limited."""
 DRAWN = 1e-3
 """Of a corner, root mean square, that smooth functions leave where they draw it."""
 LACKING = 0.1
@@ -180,6 +184,19 @@ class Air(Term):
 
 
 @dataclass(frozen=True)
+class SlopeLimit(Term):
+    """A drive of limited slope: share of the drive, logarithm of its slope in N/s, and its delay in s."""
+
+    has_states = True
+
+    def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
+        """Limit the slope."""
+        model.s[V.DRIVE_SLOPE_SHARE] += values[0]
+        model.s[V.DRIVE_SLOPE] = math.exp(values[1])
+        model.s[V.DRIVE_DELAY] = values[2]
+
+
+@dataclass(frozen=True)
 class Mount(Term):
     """A rock that gives, by one mode: gain in 1/kg, logarithm of the frequency in Hz, and damping ratio."""
 
@@ -256,7 +273,7 @@ def equations(places: Sequence[int], numbers: Sequence[str]) -> list[Equation]:
     for name, effect in REGISTRY.items():
         for form in effect.forms:
             own, made = acts_at(name, form)
-            if (own and not made and own <= set(places)) or (made and not own and made <= set(numbers)):
+            if (own or made) and own <= set(places) and made <= set(numbers):
                 unknowns = tuple(_unknown(effect.parameter(symbol), form, i) for i, symbol in enumerate(form.symbols))
                 states = has_states(name, parameters_of(name, form, form.starts[0]))
                 found.append(Equation(f"{name}: {form.name}", unknowns, name, form, states))
@@ -321,16 +338,16 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
         RATE_FACTOR: (-fast, fast, fast / 8.0),
         RATE_FORCE: (-fast, fast, fast / 8.0),
         COMPACTION: (0.0, MOST_IMPACTS, 5.0),
-        WAVEFORM: (0.0, TWO_PI, 1e3),
-        DRIVE: (-drive, drive, 1e3 * drive),
+        WAVEFORM: (0.0, TWO_PI, EVEN),
+        DRIVE: (-drive, drive, EVEN * drive),
     }
     for place, values in ((SPRING, y), (SPRING_FROM_REST, beyond)):
         low, high = span(values)
         high = max(high, low + LEAST)
-        ranges[place] = (low, high, 1e3 * max(abs(low), abs(high)))
+        ranges[place] = (low, high, EVEN * max(abs(low), abs(high)))
     u, giving = (np.concatenate([p[i] for p in paths]) for i in (V.U, V.UD))
     given = max(float(np.percentile(np.abs(u), 99.8)), LEAST)
-    ranges[MOUNT_SPRING] = (-given, given, 1e3 * given)
+    ranges[MOUNT_SPRING] = (-given, given, EVEN * given)
     # dry friction changes its sign within less than a sample
     speeds = ((DAMPER, v1 - v2), (GUIDE, v1), (INDENTER, v2), (MOUNT_DAMPER, giving))
     for place, values in speeds:
@@ -476,7 +493,9 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
     *acting, mounting = [Family(name, name, tuple(free.curve(*each) for each in laws)) for name, laws in rows.items()]
     known_as = {"spring": mechanism_of_law(HARDENING)}
     acting = [replace(each, known_as=known_as.get(each.name, "")) for each in acting]
-    return [*acting, _droop(frequencies), *_remembering(), *_presliding(), replace(mounting, group="mount")]
+    steepest = axes.scale[DRIVE] / EVEN * TWO_PI * max(frequencies)
+    remembering = [*_remembering(), *_slope_limits(steepest), *_presliding()]
+    return [*acting, _droop(frequencies), *remembering, replace(mounting, group="mount")]
 
 
 def _droop(frequencies: Sequence[float]) -> Family:
@@ -511,6 +530,22 @@ def _remembering() -> list[Family]:
         ratio = Unknown("damping ratio", 0.1, 0.02, low=0.005, high=MOST_DAMPED)
         mode = Mount("mount", (gain, turn, ratio))
         found.append(Family(f"mount {f:.0f} Hz", "mount", (mode,)))
+    return found
+
+
+SLOPES = (0.45, 0.65, 0.9)
+"""Shares of the steepest slope that is asked of the drive, from which on a limit of it is looked for."""
+
+
+def _slope_limits(steepest: float) -> list[Family]:
+    """Families of a drive whose force changes no faster than by a slope, in N/s, where so much is asked of it."""
+    found = []
+    for share in SLOPES:
+        size = Unknown("share", 0.0, 0.1, low=0.0, high=1.5)
+        low, high = math.log(0.1 * steepest), math.log(steepest)
+        slope = Unknown("logarithm of the slope", math.log(share * steepest), 0.05, low=low, high=high)
+        delay = Unknown("delay", 0.0, 2e-5, low=0.0, high=LONGEST_DELAY, unit="s")
+        found.append(Family(f"drive slope {share:g}", "drive slope", (SlopeLimit("slope", (size, slope, delay)),)))
     return found
 
 
@@ -581,7 +616,7 @@ def same_force(family: Family, other: Family) -> bool:
 
 
 def _place_of(term: Term) -> int | None:
-    if isinstance(term, Gain):
+    if isinstance(term, Gain | SlopeLimit):
         return DRIVE
     return term.place if isinstance(term, Curve) else None
 

@@ -103,6 +103,8 @@ class Visited(NamedTuple):
     """Hz, the lowest and the highest excitation."""
     depth: float
     """m, the median of the contact's coordinate while loading."""
+    per_impact: float
+    """m that an impact drills, the mean over recordings."""
 
 
 def _at(model: Model, axes: Axes, place: int, x: Floats) -> Floats:
@@ -248,7 +250,11 @@ def shown(family: Family, terms: Sequence[Term], fitted: Fitted, visited: Visite
         return _contact_rate(axes, _ends(visited.axes, RATE_FACTOR)[1], visited.depth)
     if family.group == "compaction":
         x = np.linspace(0.0, 120.0, POINTS)
-        return Shown("impacts on a fresh face", "1", "1", x, lambda m: _at(m, axes, COMPACTION, x))
+
+        def softer(m: Model) -> Floats:
+            return _at(replace(m, per_impact=visited.per_impact), axes, COMPACTION, x)
+
+        return Shown("impacts on a fresh face", "1", "1", x, softer)
     if family.group == "air":
         x = np.linspace(0.0, 1e-3, POINTS)
         static = float(np.mean([each.structure.model(fitted.values, each.point).s[V.F_B] for each in fitted.blocks]))

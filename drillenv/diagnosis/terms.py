@@ -30,6 +30,11 @@ REACH = 16
 """Samples that a filter of the logger looks ahead and back."""
 
 
+def drilled_by(blow: float, kl: float, ku: float) -> float:
+    """m by which the origin moves in an impact of so many N at most, by the paper's law of the rock."""
+    return blow * (1.0 / kl - 1.0 / ku) if kl > 0.0 and ku > 0.0 else 0.0
+
+
 class OperatingPoint(NamedTuple):
     """What a term is told of a recording."""
 
@@ -42,6 +47,8 @@ class OperatingPoint(NamedTuple):
     """bar, as stated."""
     rate: float
     fresh: bool
+    blow: float = 0.0
+    """N, mean peak of the force."""
     touching: NDArray[np.bool_] | None = None
     """(..., n) at which samples of a channel the rock pushes; all of them where None: no motion is known."""
 
@@ -75,6 +82,8 @@ class Model:
     sine: Floats = field(default_factory=lambda: np.zeros(3))
     cosine: Floats = field(default_factory=lambda: np.zeros(3))
     impacts: float = 0.0
+    per_impact: float = 0.0
+    """m, about what an impact drills."""
     _curves: dict[int, Floats] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def curve(self, place: int) -> Floats:
@@ -85,7 +94,7 @@ class Model:
 
     def _curve(self, place: int) -> Floats:
         total = self.free[place].copy()
-        around = Around(float(self.s[K]), float(self.s[KL]), float(self.s[KU]))
+        around = Around(float(self.s[K]), float(self.s[KL]), float(self.s[KU]), self.per_impact)
         for law in self.laws:
             if place in acts_at(law.effect, law.form)[0]:
                 curve = curve_at(law.effect, law.parameters, place, law.axes.points(place), around)
@@ -273,6 +282,7 @@ class ModelStructure:
         for i, (term, own) in enumerate(zip(self.terms, self.split(values), strict=True)):
             if i == 0 or only is None or term.name in only:
                 term.contribute(own, model, point, self.axes)
+        model.per_impact = drilled_by(point.blow, model.s[KL], model.s[KU])
         return model
 
     @property

@@ -48,7 +48,9 @@ from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
     BRISTLES2,
     CARRY,
+    COMPACTION_LENGTH,
     COUNT,
+    DRILLED,
     M2,
     MOUNT_SQUARE,
     ORIGIN,
@@ -89,6 +91,8 @@ NEAR_ONE = 1e-5
 APART = 1e-6
 """How far apart the two runs start, in scales, whose parting gives the exponent."""
 EXPONENT_PERIODS = 1000
+SETTLED_LENGTHS = 10.0
+"""Depth drilled at which a face has compacted, over the length in which it does so to 1/e."""
 ENDLESS = PLACES[COMPACTION].high
 """A count at which nothing is left of what it acts on."""
 RESTED = 5.0
@@ -351,14 +355,16 @@ class Section:
 
     def counted_out(self, place: Place, patience: int) -> Place:
         """Run until what is counted has done its work, at most ``patience`` periods, and let the count be endless."""
-        if place.d[COUNT] >= self.goal:
+        length = self.model.s[COMPACTION_LENGTH]
+        goal = np.array([self.goal, SETTLED_LENGTHS * length])
+        if np.all(place.d[[COUNT, DRILLED]] >= goal):
             return place
         done, step = 0, min(LONGEST_PERIOD, patience)
-        while done < patience and place.d[COUNT] < self.goal:
+        while done < patience and np.any(place.d[[COUNT, DRILLED]] < goal):
             place = self.waited(place, step)
             done += step
         # the contact going on keeps the count that it began with, so the force does not jump
-        place.d[COUNT] = ENDLESS
+        place.d[[COUNT, DRILLED]] = ENDLESS, ENDLESS * length
         return self.after(place, LONGEST_PERIOD)
 
     def returned(self, place: Place, point: np.ndarray, periods: int) -> np.ndarray:

@@ -125,7 +125,7 @@ def meet_rock(plants: Plants, i: int, m, d, z, held: float) -> None:
     set_setting(row, rig, memory[FREQUENCY], memory[VOLTAGE], held)
     take_setting(m, row)
     if memory[LAYER] != layer:
-        d[V.COUNT], d[V.COUNT_CONTACT] = 0.0, 0.0
+        d[V.COUNT], d[V.COUNT_CONTACT], d[V.DRILLED], d[V.DRILLED_CONTACT] = 0.0, 0.0, 0.0, 0.0
     if regime != FREE:
         set_factor(m, d)
         place = law_depth(m, d, regime, force)

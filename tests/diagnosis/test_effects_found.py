@@ -62,6 +62,26 @@ def test_mechanism_is_found(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mechanism", "equation", "stated", "true"),
+    [
+        ("force-limit", "slope limited", "S_max", "slope"),
+        ("rock-compaction", "exponential in depth", "soft_l", "x_0"),
+    ],
+)
+def test_an_equation_over_another_argument_than_time_or_impacts_is_found(mechanism, equation, stated, true):
+    """A drive that ramps, whose force depends on what was asked of it before; a face that compacts as it is drilled."""
+    rng = np.random.default_rng([SEED, *equation.encode()])
+    (form,) = (each for each in MECHANISMS[mechanism].equations if each.name == equation)
+    chosen = concealed(mechanism, form, rng, 1.0, SITE)
+    report = diagnose(plain_campaign(rng, 4, (chosen,), recordings=5, seconds=0.2).campaign)
+    (finding,) = report.record["findings"]
+    assert finding["mechanism"] == mechanism
+    # the concealed amplifier follows with a lag of the first order, and not with a delay
+    assert finding["parameters"][stated]["value"] == pytest.approx(chosen.parameters[true], rel=0.02)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["channel-delay", "sensor-offset"])
 def test_what_is_another_in_each_recording_is_said_of_each(name):
     """Those that were held out as well: of a few recordings their mean would be another."""

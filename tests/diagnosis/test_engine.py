@@ -80,7 +80,7 @@ class Bench:
         data = self.data
         made = assembled(model, self.axes, data.omega, [each.place for each in columns if each.place >= 0])
         varied = np.zeros((len(self.begin), len(columns), V.OWN))
-        windows = Windows(data.starts, self.begin.copy(), varied, data.rate, data.phase, 0.0, UNCHAINED, 1, 0.0)
+        windows = Windows(data.starts, self.begin.copy(), varied, data.rate, data.phase, 0.0, 0.0, UNCHAINED, 1, 0.0)
         return shot(made, windows, columns_of(columns, model, self.axes, made, 0), rtol)
 
 
@@ -131,7 +131,7 @@ def test_the_motion_is_that_of_the_concealed_rig(bench):
     s[V.F_B] = 196.35 * controls.pressure
     s[V.KL], s[V.KU] = true.loading_stiffness, true.unloading_stiffness
     made = assembled(model, bench.axes, 2.0 * math.pi * controls.frequency)
-    windows = Windows(starts, begin, np.zeros((1, 0, V.OWN)), 25600.0, 0.3, 0.0, UNCHAINED, 1, 0.0)
+    windows = Windows(starts, begin, np.zeros((1, 0, V.OWN)), 25600.0, 0.3, 0.0, 0.0, UNCHAINED, 1, 0.0)
     found = shot(made, windows, columns_of((), model, bench.axes, made, 0), 1e-9)
     inside = slice(*starts)
     for simulated, measured in zip(found.signals, (kept.rock, kept.acceleration), strict=True):
@@ -188,7 +188,7 @@ def test_a_law_of_the_contact_that_changes_too_fast_is_refused(bench, place):
         ("force-limit", (250.0, 300.0), 0, 1e-7),
         ("backlash", (4e-4, -1e-4), 0, 1e-5),
         ("damping-quadratic", (600.0,), 0, 1e-5),
-        ("rock-compaction", (0.3, 20.0), 1, 1e-5),
+        ("rock-compaction", (0.3, 20.0, 0.0), 1, 1e-5),
     ],
 )
 def test_derivatives_by_parameters_of_equations(bench, name, p, j, share):

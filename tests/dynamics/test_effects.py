@@ -356,16 +356,42 @@ def test_compaction_counts_impacts_and_never_lets_the_force_jump():
     assert np.max(np.abs(np.diff(result.force))) < 1.01 * ROCK.unloading_stiffness * np.max(np.abs(result.v2)) / 400e3
 
 
+def test_compaction_by_the_depth_goes_on_where_it_ended():
+    chosen, setting = make("rock-compaction", soft=0.4, soft_l=2e-4), Setting(60.0, 0.45, 1.0)
+    whole = run(chosen, seconds=0.4, rate=0, setting=setting)
+    first = run(chosen, seconds=0.15, rate=0, setting=setting)
+    second = run(chosen, seconds=0.25, rate=0, setting=setting, phase=first.end_phase, start=first.end)
+    assert np.allclose(second.end.extra, whole.end.extra, rtol=1e-12, atol=0)
+    drilled, stiffness = whole.end.extra[2], whole.impacts.force / whole.impacts.depth / ROCK.loading_stiffness
+    assert drilled == pytest.approx(whole.end_origin, rel=1e-12) and drilled > 1e-4
+    assert stiffness[0] == pytest.approx(0.6, rel=1e-9)
+    at_contact = whole.end.extra[3]
+    assert stiffness[-1] == pytest.approx(1.0 - 0.4 * math.exp(-at_contact / 2e-4), rel=1e-9)
+
+
+def test_a_drive_of_limited_slope_goes_on_where_it_ended():
+    chosen, setting = make("force-limit", S_max=1.2e5, tau_f=1e-4), Setting(60.0, 0.45, 1.0)
+    whole = run(chosen, seconds=0.4, rate=0, setting=setting)
+    first = run(chosen, seconds=0.1512, rate=0, setting=setting)
+    second = run(chosen, seconds=0.2488, rate=0, setting=setting, phase=first.end_phase, start=first.end)
+    assert first.end.extra[0] != 0.0
+    assert np.allclose(second.end.extra, whole.end.extra, rtol=1e-9, atol=0)
+    assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
+
+
 def test_compaction_goes_on_where_it_ended_and_begins_anew_on_a_fresh_face():
     chosen = make("rock-compaction", soft=0.4, soft_n=12.0)
     setting = Setting(60.0, 0.45, 1.0)
     whole = run(chosen, seconds=0.4, rate=0, setting=setting)
     first = run(chosen, seconds=0.15, rate=0, setting=setting)
     second = run(chosen, seconds=0.25, rate=0, setting=setting, phase=first.end_phase, start=first.end)
-    assert second.end.extra == whole.end.extra and first.end.extra[0] == len(first.impacts.time) > 5
+    assert (
+        np.allclose(second.end.extra, whole.end.extra, rtol=1e-12, atol=0)
+        and first.end.extra[0] == len(first.impacts.time) > 5
+    )
     assert np.allclose(second.end[:4], whole.end[:4], rtol=0, atol=1e-9)
     fresh = run(
-        chosen, seconds=0.25, setting=setting, phase=first.end_phase, start=first.end._replace(extra=(0.0, 0.0))
+        chosen, seconds=0.25, setting=setting, phase=first.end_phase, start=first.end._replace(extra=(0.0,) * 4)
     )
     stiffness = fresh.impacts.force / fresh.impacts.depth / ROCK.loading_stiffness
     assert math.isclose(stiffness[0], 0.6, rel_tol=1e-9) and stiffness[-1] > 0.75

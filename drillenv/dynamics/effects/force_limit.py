@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from drillenv.dynamics.effects import EVERYWHERE, Effect, Parameter
+from drillenv.dynamics.effects import EVERYWHERE, Effect, Extra, Parameter
 from drillenv.dynamics.forms import Form
 
 NONE = 1e6
 """N: at this force, the bound, nothing is limited."""
+STEEPEST = 1e9
+"""N/s: at this slope, the bound, nothing is limited."""
 
 
 def _on_body(position, velocity, applied, stiffness, p):
@@ -23,21 +25,31 @@ def _spring_law(shortening, p, stiffness):
     return np.clip(force, -p[1], p[1]) - force
 
 
+def _scalars(p):
+    limited = p[2] < STEEPEST
+    return {"drive_slope": p[2], "drive_slope_share": 1.0, "drive_delay": p[3]} if limited else {}
+
+
 EFFECT = Effect(
     name="force-limit",
     sentence="The drive, or the spring, cannot push or pull harder than a certain force.",
     equation=(
-        "drive force min(max(F_a sin(theta), -F_max), F_max), spring force min(max(k (X1 - X2), -F_s), F_s); on a body "
-        "the applied force and k position likewise"
+        "drive force min(max(F_a sin(theta), -F_max), F_max), which it follows tau_f late and no faster than by S_max, "
+        "from 0 on where the rig begins at rest; spring force min(max(k (X1 - X2), -F_s), F_s); on a body the applied "
+        "force and k position likewise, without S_max"
     ),
     source="constitutive",
     parameters=(
         Parameter("F_max", "largest force of the drive", "N", 1.0, NONE, NONE, (150.0, 400.0)),
         Parameter("F_s", "largest force of the spring", "N", 1.0, NONE, NONE, (NONE, NONE)),
+        Parameter("S_max", "largest slope of the drive's force", "N/s", 1.0, STEEPEST, STEEPEST, (STEEPEST, STEEPEST)),
+        Parameter("tau_f", "delay of a drive whose slope is limited", "s", 0.0, 1e-3, 0.0, (0.0, 0.0)),
     ),
     balances=("indenter", "body"),
     regimes=EVERYWHERE,
     energy="moves",
+    extras=(Extra("f", "force of the drive", "N", 100.0, kept="driven"),),
+    scalars=_scalars,
     laws={"drive-curve": _drive_law, "spring": _spring_law},
     on_body=_on_body,
     body_told_apart="record forces of several sizes",
@@ -45,10 +57,11 @@ EFFECT = Effect(
     forms=(
         Form("clipped", ("F_max",), ((200.0,), (280.0,), (380.0,))),
         Form("clipped spring", ("F_s",), ((150.0,), (230.0,))),
+        Form("limited slope", ("S_max", "tau_f"), ((1.5e5, 2e-5), (2.5e5, 2e-5), (3.5e5, 2e-5))),
     ),
     body_forms=(
         Form("clipped", ("F_max",), ((0.5,), (0.7,), (0.9,))),
         Form("clipped spring", ("F_s",), ((0.3,), (0.5,), (0.8,))),
     ),
-    free_laws=("drive", "saturating spring"),
+    free_laws=("drive", "drive slope", "saturating spring"),
 )

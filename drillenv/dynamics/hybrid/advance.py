@@ -17,6 +17,7 @@ from drillenv.dynamics.constitutive.places import WAVEFORM
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
+from drillenv.dynamics.hybrid.drive_slope import drive_on, follow_or_ramp
 from drillenv.dynamics.hybrid.events import (
     CORNER,
     CUTTING,
@@ -59,6 +60,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
 )
 from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
+    BY_SLOPE,
     CORNER_COUNT,
     CUT,
     F_A,
@@ -76,6 +78,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     REGIME,
     ROTATION,
     ROTATION_RATE,
+    SLEWING_LEFT,
     SLIDE1,
     SLIDE2,
     TALLY,
@@ -121,6 +124,15 @@ def pass_time(m: np.ndarray, d: np.ndarray, s: float) -> None:
         d[TURNS] += 1.0
     d[ROTATION] += m[ROTATION_RATE] * s
     d[VIBRATION] += m[VIBRATION_RATE] * s
+    if m[BY_SLOPE] >= 0.0:
+        drive_on(m, d, s)
+
+
+@njit(**INNER)
+def to_drive_change(m: np.ndarray, d: np.ndarray) -> float:
+    """Seconds until the drive's waveform comes to its next corner, or its force begins or ends to ramp."""
+    ahead = to_phase_corner(m, d)
+    return min(ahead, max(d[SLEWING_LEFT], 0.0)) if m[BY_SLOPE] >= 0.0 else ahead
 
 
 @njit(**INNER)
@@ -176,6 +188,8 @@ def prepare(m: np.ndarray, d: np.ndarray, z: np.ndarray, begins: bool, scratch: 
     scratch[FLAGS, STANDING] = 0.0
     rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
     set_corners(m, d, z, scratch[BEGIN_SLOPE], NO)
+    if m[BY_SLOPE] >= 0.0:
+        follow_or_ramp(m, d)
     set_cut(m, d, z, scratch)
     if begins:
         start_sliding(m, d, z, scratch)
@@ -232,7 +246,7 @@ def let_through(m: np.ndarray, d: np.ndarray, z: np.ndarray, code: int, scratch:
 def try_step(m: np.ndarray, d: np.ndarray, left: float, rtol: float, scratch: np.ndarray) -> float:
     """Take one step of at most ``left`` s that is good to ``rtol``. Returns its length, 0 where none is good."""
     apart()
-    regime, most = int(d[REGIME]), min(left, max(to_phase_corner(m, d), 1e-14))
+    regime, most = int(d[REGIME]), min(left, max(to_drive_change(m, d), 1e-14))
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and d[SLIDE1 + mass] == 0.0:
             most = min(most, SHORT * m[LONGEST])
@@ -295,13 +309,16 @@ def advance(m: np.ndarray, d: np.ndarray, z: np.ndarray, left: float, rtol: floa
             scratch[FLAGS, LENGTH] = s
     scratch[FLAGS, READY], scratch[FLAGS, STANDING] = (1.0 if ready else 0.0), 0.0
     at_phase_corner = s >= to_phase_corner(m, d)
+    at_slope_change = m[BY_SLOPE] >= 0.0 and s >= d[SLEWING_LEFT]
     copy(scratch[END], z)
     pass_time(m, d, s)
     if at_phase_corner:
         pass_phase_corner(m, d)
+    if at_slope_change:
+        follow_or_ramp(m, d)
     if code != NOTHING:
         let_through(m, d, z, code, scratch)
-    elif at_phase_corner:
+    elif at_phase_corner or at_slope_change:
         rates(m, d, 0.0, z, scratch[BEGIN_SLOPE], scratch[PUSH])
     else:
         copy(scratch[STAGES], scratch[BEGIN_SLOPE])

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from drillenv.dynamics.compiled import INNER, MERGED, NO, YES, apart, constants
-from drillenv.dynamics.constitutive.places import COMPACTION, MOST_IMPACTS, RATE_FORCE, UNLOADING, WAVEFORM
+from drillenv.dynamics.constitutive.places import COMPACTION, RATE_FORCE, UNLOADING, WAVEFORM
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
@@ -43,6 +43,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     COUNT,
     COUNT_CONTACT,
     CUT,
+    DRILLED,
+    DRILLED_CONTACT,
     EFFECTS,
     F_A,
     F_B,
@@ -79,6 +81,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     argument_rate,
     argument_size,
     below_of,
+    compaction_argument,
     corner_at,
     corners_below,
     law_at,
@@ -462,6 +465,7 @@ def shift_origin(d: np.ndarray, shift: float) -> None:
     moved = d[ORIGIN] + owed
     d[CARRY] = owed - (moved - d[ORIGIN])
     d[ORIGIN] = moved
+    d[DRILLED] += shift
 
 
 @njit(**INNER)
@@ -475,14 +479,13 @@ def stand_on_face(m: np.ndarray, d: np.ndarray, z: np.ndarray) -> None:
 
 @njit(**INNER)
 def set_factor(m: np.ndarray, d: np.ndarray) -> None:
-    """The factor on the rock's stiffness that the present contact has by its count and its angle."""
+    """The factor on the rock's stiffness that the present contact has by its count or depth, and its angle."""
     d[FACTOR] = 1.0 + m[ROTATION_SHARE] * math.cos(d[ROTATION_CONTACT] + m[ROTATION_PHASE])
     for i in range(int(m[LAWS])):
         if law_at(m, i, PLACE) == COMPACTION:
-            # beyond any count of a rig a law does not go on
-            count = min(d[COUNT_CONTACT], MOST_IMPACTS)
-            set_below(m, d, i, corners_below(m, i, count, 1.0))
-            d[FACTOR] *= 1.0 + value_at(m, d, i, count)
+            x = compaction_argument(m, d)
+            set_below(m, d, i, corners_below(m, i, x, 1.0))
+            d[FACTOR] *= 1.0 + value_at(m, d, i, x)
 
 
 @njit(**INNER)
@@ -506,7 +509,7 @@ def change_contact(m: np.ndarray, d: np.ndarray, after: int, z: np.ndarray) -> N
     before = int(d[REGIME])
     if before == FREE:
         # the stiffness may change only here, where there is no force that would jump
-        d[COUNT_CONTACT], d[ROTATION_CONTACT] = d[COUNT], d[ROTATION]
+        d[COUNT_CONTACT], d[DRILLED_CONTACT], d[ROTATION_CONTACT] = d[COUNT], d[DRILLED], d[ROTATION]
         set_factor(m, d)
     if before == FREE or after == FREE:
         z[W] = 0.0

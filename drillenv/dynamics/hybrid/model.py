@@ -27,6 +27,7 @@ _OWNERS = (
     ("air_stiffness", "air_per_length"),
     ("drive_lag",),
     ("shaker_vibration", "indenter_vibration"),
+    ("drive_slope",),
     ("shaker_grip",),
     ("indenter_grip",),
     ("shaker_bristles",),
@@ -47,9 +48,12 @@ MEMORY = {
     "slide2": (1, V.SLIDE2),
     "N": (1, V.COUNT),
     "N_contact": (1, V.COUNT_CONTACT),
+    "drilled": (1, V.DRILLED),
+    "drilled_contact": (1, V.DRILLED_CONTACT),
     "rotation": (1, V.ROTATION),
     "rotation_contact": (1, V.ROTATION_CONTACT),
     "vibration": (1, V.VIBRATION),
+    "driven": (1, V.DRIVEN),
 }
 """Where the engine keeps an extra state of an effect, by its ``kept``: 0 in the state, 1 in the discrete state."""
 
@@ -156,6 +160,8 @@ def model_for(rig: Rig, setting: Setting, rock: Rock, effects: tuple[Chosen, ...
             parameters += chosen.values
             sizes += [extra.size for extra in effect.extras if not extra.kept]
     laws = [Placed(*law, index) for index, chosen in enumerate(effects) for law in tables_of(chosen, rig.stiffness)]
+    if s[V.COMPACTION_LENGTH] > 0.0 and [law.place for law in laws].count(places.COMPACTION) > 1:
+        raise InputError("a rock that compacts over the depth has another law over impacts beside: give one of them")
     if len(laws) > V.MOST_LAWS:
         raise InputError(f"the effects have {len(laws)} laws: give effects with {V.MOST_LAWS} at most")
     on_rock = any("contact" in c.effect.balances and c.effect.term is not None and not c.is_neutral for c in effects)

@@ -44,6 +44,7 @@ from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare
+from drillenv.dynamics.hybrid.drive_slope import BESIDE
 from drillenv.dynamics.hybrid.model import Model
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
@@ -74,11 +75,15 @@ from drillenv.dynamics.hybrid.vector_field import (
     BENT2,
     BRISTLE_DAMPING1,
     BRISTLES1,
+    BY_SLOPE,
+    COMPACTION_LENGTH,
     CONTACT_DAMPING,
     CONTACT_DAMPING_POWER,
-    COUNT_CONTACT,
     CUT,
+    DRIVE_DELAY,
     DRIVE_LAG,
+    DRIVE_SLOPE,
+    DRIVE_SLOPE_SHARE,
     F_A,
     F_B,
     FIRST,
@@ -111,6 +116,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     SCALE,
     SIZE,
     SIZES_AT,
+    SLEWING,
     SLIDE1,
     SLIDING1,
     TALLY,
@@ -130,11 +136,14 @@ from drillenv.dynamics.hybrid.vector_field import (
     air_left,
     air_stiffness,
     argument,
+    compaction_argument,
     damping_share,
     damping_slope,
+    drive_lost,
     is_of_bristles,
     law_at,
     look,
+    look_anew,
     rates,
     shape_argument,
     shape_scale,
@@ -148,11 +157,16 @@ LEAST_PIVOT = 0.25
 STANDING = 1e-12
 """A guard that is approached at less than this share of its usual rate is not crossed."""
 
+JUMP = 1e-3
+"""Share of the drive's largest slope from which the slope of what is asked jumps at a phase."""
+
 # Kinds of columns beside the scalars of the model (>= 0, their places in Model.s)
-STATE, PHASE, LAW, ON_SHAKER, ON_INDENTER, ON_STIFFNESS, COUNTED = constants(-1, -2, -3, -4, -5, -6, -7)
+STATE, PHASE, LAW, ON_SHAKER, ON_INDENTER, ON_STIFFNESS, COUNTED, DRILLED_BEFORE = constants(
+    -1, -2, -3, -4, -5, -6, -7, -8
+)
 """By the state at the beginning, and nothing after it; the phase of the excitation in rad; a law; a force in N on one
-of the masses, and a share of the rock's stiffness where a contact begins, that go with a sinusoid; impacts made before
-on this face."""
+of the masses, and a share of the rock's stiffness where a contact begins, that go with a sinusoid; impacts made
+before on this face, and m drilled on it."""
 SINE, COSINE, TIMES_TIME = 0, 1, 2
 """Codes of sinusoids; with TIMES_TIME added, the same times the time in s."""
 
@@ -243,6 +257,14 @@ class Variation(NamedTuple):
     """(columns,) logarithmic derivative of the factor on the rock's stiffness, of the present contact."""
     change: np.ndarray
     """(columns,) what the reset map changes w by beside the state."""
+    drilled: np.ndarray
+    """(columns,) derivative of what was drilled on this face."""
+    driven: np.ndarray
+    """(columns,) derivative of the force that a drive of limited slope ramps from."""
+    late: np.ndarray
+    """(LINEAR,) of the force that it follows."""
+    late_at: np.ndarray
+    """(laws, 3)"""
     by: np.ndarray
     """(SIZE, FORCINGS) by what scalars change the forces; the last but one is zero, the last room for a law."""
     system: np.ndarray
@@ -260,6 +282,10 @@ def make_variation(model: Model, columns: int) -> Variation:
         np.zeros((POINTS, FORCINGS, columns)),
         np.zeros(columns),
         np.zeros(columns),
+        np.zeros(columns),
+        np.zeros(columns),
+        np.zeros(LINEAR),
+        np.zeros((max(len(model.laws), 1), 3)),
         np.zeros((SIZE, FORCINGS)),
         np.zeros((LAST * n, LAST * n + columns)),
     )
@@ -281,11 +307,17 @@ def look_closely(m: np.ndarray, d: np.ndarray, law: int, x: float, at: np.ndarra
     """Value and slope of a law, and where in its table that is, into row ``law`` of ``at``."""
     apart()
     value, slope = look(m, d, law, x)
+    note_piece(m, law, x, at)
+    return value, slope
+
+
+@njit(**INLINED)
+def note_piece(m: np.ndarray, law: int, x: float, at: np.ndarray) -> None:
+    """Write which piece of a law x was just found in, and where in it that is, into row ``law`` of ``at``."""
     piece = law_at(m, law, LAST_PIECE)
     begin = PIECES_AT + piece * PIECE_COLUMNS
     at[law, AT_PIECE] = piece - law_at(m, law, FIRST)
     at[law, AT_T] = (x - m[begin + LEFT]) * m[begin + SCALE] - 1.0
-    return value, slope
 
 
 @njit(**INNER)
@@ -352,14 +384,13 @@ def linearise(
     linearise_law(m, d, regime, z[W], at, lin)
     factor, factor_v, extra, extra_v, stiff, damped = 1.0, 0.0, 0.0, 0.0, m[K], m[C]
     held1, held2, mount_u, mount_v = 0.0, 0.0, 0.0, 0.0
-    sine, cosine = math.sin(theta), math.cos(theta)
-    ratio = m[DRIVE_LAG] * m[OMEGA] / TURN
-    passed = 1.0 / math.sqrt(1.0 + ratio * ratio)
-    shape, shape_theta = sine * passed, cosine * passed
-    bent, lin[FROM_REST] = 0.0, 0.0
+    lin[FROM_REST] = 0.0
+    linearise_drive(m, d, z, theta, NO, at, lin)
     for i in range(int(m[LAWS])):
         place = law_at(m, i, PLACE)
         if place <= UNLOADING or place == COMPACTION or (regime == FREE and place <= RATE_FORCE):
+            continue
+        if place in (WAVEFORM, DRIVE):
             continue
         value, slope = look_closely(m, d, i, argument(m, d, i, z, theta), at)
         if place == RATE_FACTOR:
@@ -381,11 +412,6 @@ def linearise(
             held1 += slope
         elif place == INDENTER:
             held2 += slope
-        elif place == WAVEFORM:
-            shape += value
-            shape_theta += slope
-        elif place == DRIVE:
-            bent += slope
         elif place == MOUNT_SPRING:
             mount_u += slope
         elif place == MOUNT_DAMPER:
@@ -397,8 +423,6 @@ def linearise(
         extra_v += resists
         # at the face a power below 1 has no finite slope: see mend_onset
         extra_w = damping_slope(m, z[W]) * into
-    lin[BY_F_A], lin[BY_PHASE] = shape + bent * sine, m[F_A] * (shape_theta + bent * cosine)
-    lin[BY_LAG] = -m[F_A] * sine * passed**3 * ratio * m[OMEGA] / TURN
     rock_w, rock_v, lin[GAIN] = lin[LAW_W] * factor + extra_w, lin[LAW_FORCE] * factor_v + extra_v, factor
     lin[ROCK] = lin[LAW_FORCE] * factor + extra
     if regime == FREE or d[CUT] != 0.0:
@@ -433,6 +457,33 @@ def linearise(
         lin[BY_SLIDING1 + mass] = 0.0
         if m[BRISTLES1 + mass] > 0.0:
             linearise_bristles(m, d, mass, z, j, at, lin)
+
+
+@njit(**INLINED)
+def linearise_drive(
+    m: np.ndarray, d: np.ndarray, z: np.ndarray, theta: float, late: bool, at: np.ndarray, lin: np.ndarray
+) -> None:
+    """The derivatives of the force asked of the drive at a phase: BY_F_A, BY_PHASE and BY_LAG.
+
+    Of a phase that is ``late``, in whichever parts of its laws between corners that is.
+    """
+    sine, cosine = math.sin(theta), math.cos(theta)
+    ratio = m[DRIVE_LAG] * m[OMEGA] / TURN
+    passed = 1.0 / math.sqrt(1.0 + ratio * ratio)
+    shape, shape_theta = sine * passed, cosine * passed
+    for i in range(int(m[LAWS])):
+        place = law_at(m, i, PLACE)
+        if place != WAVEFORM and place != DRIVE:
+            continue
+        x = m[F_A] * sine
+        if place == WAVEFORM:
+            x = theta - TURN * math.floor(theta / TURN) if late else argument(m, d, i, z, theta)
+        value, slope = look_anew(m, i, x) if late else look(m, d, i, x)
+        note_piece(m, i, x, at)
+        shape += value if place == WAVEFORM else slope * sine
+        shape_theta += slope if place == WAVEFORM else slope * cosine
+    lin[BY_F_A], lin[BY_PHASE] = shape, m[F_A] * shape_theta
+    lin[BY_LAG] = -m[F_A] * sine * passed**3 * ratio * m[OMEGA] / TURN
 
 
 @njit(**INLINED)
@@ -599,10 +650,106 @@ def find_forcings(
         force[BY_BENT1, c], force[BY_BENT2, c] = by[row, BY_BENT1], by[row, BY_BENT2]
         force[BY_BED, c] = by[row, BY_BED]
         force[BY_ROCK, c] = rock
+    if m[BY_SLOPE] >= 0.0:
+        slope_forcings(m, d, shift, columns, work, k)
     for mass in range(2):
         if m[GRIP1 + mass] > 0.0 and d[SLIDE1 + mass] == 0.0:
             for c in range(columns.kind.size):
                 force[BY_V1 + mass, c] = 0.0
+
+
+@njit(**INNER)
+def by_asked(m: np.ndarray, columns: Columns, c: int, at: np.ndarray, lin: np.ndarray) -> float:
+    """By what the force asked of the drive changes with a column; behind :func:`linearise_drive`."""
+    kind = columns.kind[c]
+    if kind == F_A:
+        return lin[BY_F_A]
+    if kind == DRIVE_LAG:
+        return lin[BY_LAG]
+    if kind == PHASE:
+        return lin[BY_PHASE]
+    law = columns.which[c]
+    if kind == LAW and (law_at(m, law, PLACE) == WAVEFORM or law_at(m, law, PLACE) == DRIVE):
+        value = piece_value(columns.pieces, columns.first[c] + int(at[law, AT_PIECE]), at[law, AT_T])
+        return value * (m[F_A] if law_at(m, law, PLACE) == WAVEFORM else 1.0)
+    return 0.0
+
+
+@njit(**INNER)
+def linearise_late(m: np.ndarray, theta: float, work: Variation) -> None:
+    """The derivatives of what a drive of limited slope follows at a phase of the excitation: it is late."""
+    linearise_drive(m, work.lin[0], work.lin[0], theta - m[OMEGA] * m[DRIVE_DELAY], YES, work.late_at, work.late)
+
+
+@njit(**INNER)
+def by_late(m: np.ndarray, columns: Columns, c: int, work: Variation) -> float:
+    """By what that changes with a column; behind :func:`linearise_late`."""
+    more = -m[OMEGA] * work.late[BY_PHASE] if columns.kind[c] == DRIVE_DELAY else 0.0
+    return by_asked(m, columns, c, work.late_at, work.late) + more
+
+
+@njit(**INNER)
+def slope_forcings(m: np.ndarray, d: np.ndarray, shift: float, columns: Columns, work: Variation, k: int) -> None:
+    """Add to the forcings by what a drive of limited slope changes, beside what is asked of it."""
+    apart()
+    theta, lin, force = d[THETA] + m[OMEGA] * shift, work.lin[k], work.force[k]
+    ramps, lost = d[SLEWING] != 0.0, drive_lost(m, d, shift, theta)
+    if not ramps:
+        # steps end at corners of what is followed: on this side of them
+        linearise_late(m, theta + (BESIDE if k == 0 else -BESIDE if k == LAST else 0.0), work)
+    for c in range(columns.kind.size):
+        more = work.driven[c] if ramps else by_late(m, columns, c, work)
+        if ramps and columns.kind[c] == DRIVE_SLOPE:
+            more += d[SLEWING] * shift
+        more = m[DRIVE_SLOPE_SHARE] * (more - by_asked(m, columns, c, work.at, lin))
+        if columns.kind[c] == DRIVE_SLOPE_SHARE:
+            more += lost
+        force[BY_V2, c] += more / m[M2]
+
+
+@njit(**INNER)
+def vary_drive(m: np.ndarray, before: np.ndarray, d: np.ndarray, columns: Columns, work: Variation) -> None:
+    """Take along by what columns change the force that a drive ramps from, over a step from ``before`` to ``d``.
+
+    With time the ramp's force changes by its slope. Where one ramp ends in another, when it does matters as well.
+    """
+    apart()
+    one, two = before[SLEWING], d[SLEWING]
+    for c in range(columns.kind.size):
+        if columns.kind[c] == DRIVE_SLOPE:
+            work.driven[c] += one * (d[TIME] - before[TIME])
+    if one == two or two == 0.0:
+        return
+    if one == 0.0:
+        begin_ramp(m, d, columns, work)
+        return
+    linearise_late(m, d[THETA], work)
+    steep = work.late[BY_PHASE] * m[OMEGA]
+    for c in range(columns.kind.size):
+        asked = by_late(m, columns, c, work)
+        later = -(work.driven[c] - asked) / (one * m[DRIVE_SLOPE] - steep)
+        work.driven[c] = asked + (steep - two * m[DRIVE_SLOPE]) * later
+
+
+@njit(**INNER)
+def begin_ramp(m: np.ndarray, d: np.ndarray, columns: Columns, work: Variation) -> None:
+    """By what columns change the force from which a ramp begins.
+
+    Where what is asked becomes too steep by and by, it is as steep as the ramp, so that when it begins does not matter;
+    at a corner of what is asked, where its slope jumps, that does.
+    """
+    apart()
+    linearise_late(m, d[THETA] - BESIDE, work)
+    steep = work.late[BY_PHASE] * m[OMEGA]
+    for c in range(columns.kind.size):
+        work.driven[c] = by_late(m, columns, c, work)
+    linearise_late(m, d[THETA] + BESIDE, work)
+    jump = work.late[BY_PHASE] * m[OMEGA] - steep
+    if abs(jump) < JUMP * m[DRIVE_SLOPE]:
+        return
+    for c in range(columns.kind.size):
+        later = -(by_late(m, columns, c, work) - work.driven[c]) / jump
+        work.driven[c] += (steep - d[SLEWING] * m[DRIVE_SLOPE]) * later
 
 
 @njit(**INNER)
@@ -788,15 +935,29 @@ def vary_factor(
         factor[c] = swing / around
     for law in range(int(m[LAWS])):
         if law_at(m, law, PLACE) == COMPACTION:
-            value, slope = look_closely(m, d, law, d[COUNT_CONTACT], work.at)
+            x, length = compaction_argument(m, d), m[COMPACTION_LENGTH]
+            value, slope = look_closely(m, d, law, x, work.at)
             for c in range(count):
-                change = 0.0
+                change = slope * work.drilled[c] / length if length > 0.0 else 0.0
                 if columns.kind[c] == COUNTED:
-                    change = slope
+                    change = slope if length == 0.0 else 0.0
+                elif columns.kind[c] == COMPACTION_LENGTH and length > 0.0:
+                    change -= slope * x / length
                 elif columns.kind[c] == LAW and columns.which[c] == law:
                     row = columns.first[c] + int(work.at[law, AT_PIECE])
-                    change = piece_value(columns.pieces, row, work.at[law, AT_T])
+                    change += piece_value(columns.pieces, row, work.at[law, AT_T])
                 factor[c] += change / (1.0 + value)
+
+
+@njit(**INNER)
+def begin_drilled(first: bool, columns: Columns, work: Variation) -> None:
+    """By what columns change what was drilled on this face where a window begins.
+
+    What was drilled in windows before is not followed by their states: by those, it is known.
+    """
+    for c in range(columns.kind.size):
+        if first or columns.kind[c] == STATE:
+            work.drilled[c] = 1.0 if columns.kind[c] == DRILLED_BEFORE else 0.0
 
 
 @njit(**INNER)
@@ -849,6 +1010,8 @@ def saltate(
     apart()
     n, count, one, two = int(m[MOVING]), columns.kind.size, int(before[REGIME]), int(d[REGIME])
     v, stretch, guard, normal = work.v, 1.0, False, False
+    if m[BY_SLOPE] >= 0.0:
+        vary_drive(m, before, d, columns, work)
     for c in range(count):
         work.change[c] = 0.0
     if one != two:
@@ -884,6 +1047,9 @@ def saltate(
         for i in range(n):
             r = stretch if i == W else 1.0
             jump = (scratch[BEGIN_SLOPE, i] - r * slope[i]) * share
+            if i == W and guard and not normal:
+                # at a turn the origin moves by what the depth is counted less
+                work.drilled[c] += v[0, W, c] - (r * v[0, W, c] + jump + work.change[c])
             v[0, i, c] = r * v[0, i, c] + jump
         v[0, W, c] += work.change[c]
     if two == FREE:
@@ -914,6 +1080,10 @@ def borrow_variation(work: Variation) -> Variation:
         borrowed(work.force),
         borrowed(work.factor),
         borrowed(work.change),
+        borrowed(work.drilled),
+        borrowed(work.driven),
+        borrowed(work.late),
+        borrowed(work.late_at),
         borrowed(work.by),
         borrowed(work.system),
     )
@@ -949,6 +1119,7 @@ def run_varied(
     # a contact that has begun keeps its factor
     for c in range(columns.kind.size):
         work.factor[c] = 0.0
+    begin_drilled(YES, columns, work)
     while now < seconds:
         copy(scratch[BEGIN_SLOPE], slope)
         status, taken = advance(m, d, z, seconds - now, rtol, YES, scratch)

@@ -19,6 +19,7 @@ from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, SWITCHES_TOO_DENSE, WENT_ON, advance, prepare
+from drillenv.dynamics.hybrid.drive_slope import asked_late, drive_on, follow_or_ramp
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Model, fresh_motion, model_for
 from drillenv.dynamics.hybrid.runge_kutta import (
@@ -43,20 +44,28 @@ from drillenv.dynamics.hybrid.sensitivity import (
     ROCK_W,
     Columns,
     Variation,
+    begin_drilled,
     begin_factor,
     borrow_columns,
     borrow_variation,
+    by_late,
     by_state,
     carry_over,
     inside_step,
+    linearise_late,
     make_variation,
     saltate,
+    vary_drive,
     vary_step,
 )
 from drillenv.dynamics.hybrid.vector_field import (
+    BY_SLOPE,
     COUNT,
     COUNT_CONTACT,
     CUT,
+    DRILLED,
+    DRILLED_CONTACT,
+    DRIVEN,
     MOVING,
     OMEGA,
     OWN,
@@ -65,6 +74,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     ROTATION,
     ROTATION_CONTACT,
     ROTATION_RATE,
+    SLEWING,
+    SLEWING_LEFT,
     THETA,
     THETA_CARRY,
     TIME,
@@ -117,7 +128,9 @@ class Windows(NamedTuple):
     phase: float
     """rad of the excitation at sample 0."""
     impacts: float
-    """Before sample 0, on this face of the rock."""
+    """Before sample 0, on this face of the rock; 0 of a rig that begins at rest."""
+    drilled: float
+    """m before sample 0, likewise."""
     chained: np.ndarray
     """(OWN,) which states go on from the window before, with their derivatives; ``begin`` then says at the end what
     they began with."""
@@ -168,7 +181,13 @@ def begin_window(
     d[ROTATION], d[VIBRATION] = m[ROTATION_RATE] * time, m[VIBRATION_RATE] * time
     d[REGIME] = FREE if z[W] < 0.0 else (ON_LOADING if z[V2] - z[UD] >= 0.0 else ON_UNLOADING)
     d[COUNT], d[COUNT_CONTACT], d[ROTATION_CONTACT] = made, made, d[ROTATION]
+    if window == 0:
+        d[DRILLED] = windows.drilled
+    d[DRILLED_CONTACT] = d[DRILLED]
+    begin_drilled(window == 0, columns, work)
     set_factor(m, d)
+    if window == 0 and m[BY_SLOPE] >= 0.0:
+        begin_drive(m, d, windows.impacts > 0.0, columns, work, scratch)
     prepare(m, d, z, YES, scratch)
     for a in range(OWN):
         if windows.chained[a] and window > 0:
@@ -176,6 +195,40 @@ def begin_window(
         for c in range(columns.kind.size):
             work.v[0, a, c] = windows.varied[window, c, a]
     begin_factor(m, d, columns, work)
+
+
+TURNS_BEFORE = 12
+"""Turns of the excitation in which a drive of limited slope settles before a recording of a rig that was running."""
+
+
+@njit(**INNER)
+def begin_drive(
+    m: np.ndarray, d: np.ndarray, running: bool, columns: Columns, work: Variation, scratch: np.ndarray
+) -> None:
+    """Give a drive of limited slope the force that it has settled to by now; none where the rig was not running."""
+    apart()
+    time, theta, left = d[TIME], d[THETA], TURNS_BEFORE * TURN / m[OMEGA]
+    d[SLEWING], d[DRIVEN] = 0.0, 0.0
+    for c in range(columns.kind.size):
+        work.driven[c] = 0.0
+    if not running:
+        return
+    d[DRIVEN] = asked_late(m, theta)[0]
+    linearise_late(m, theta, work)
+    for c in range(columns.kind.size):
+        work.driven[c] = by_late(m, columns, c, work)
+    follow_or_ramp(m, d)
+    while left > 0.0:
+        copy(d, scratch[BEGIN_D])
+        s = min(left, d[SLEWING_LEFT])
+        d[TIME] += s
+        d[THETA] += m[OMEGA] * s
+        drive_on(m, d, s)
+        if s < left:
+            follow_or_ramp(m, d)
+        vary_drive(m, scratch[BEGIN_D], d, columns, work)
+        left -= s
+    d[TIME], d[THETA] = time, theta
 
 
 @njit(**ALLOCATING)

@@ -26,6 +26,7 @@ from drillenv.dynamics.constitutive.places import (
     DRIVE,
     GUIDE,
     INDENTER,
+    MOST_IMPACTS,
     MOUNT_DAMPER,
     MOUNT_SPRING,
     RATE_FACTOR,
@@ -64,6 +65,8 @@ BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
     SLIDE2,
     COUNT,
     COUNT_CONTACT,
+    DRILLED,
+    DRILLED_CONTACT,
     ROTATION,
     ROTATION_CONTACT,
     VIBRATION,
@@ -71,17 +74,21 @@ BY_DRIVE, BY_STATIC, IN_DAMPER, IN_ROCK, BY_EFFECTS = range(5)
     PEAK,
     IMPACT_DEPTH,
     CUT,
+    SLEWING,
+    DRIVEN,
+    SLEWING_LEFT,
     TRUST,
-) = range(19)
+) = range(24)
 CORNERS = TRUST + 3
 LAW_MEMORY, BELOW, LOWEST, HIGHEST = 3, 0, 1, 2
 """0 no contact, 1 loading, 2 unloading; phase in [0, 2 pi) with the rounding it owes, and whole turns of the
 excitation; time since the start in s; the origin in m and the rounding it owes; ways in which masses slide (1, -1, or 0
-while dry friction grips them); impacts on this face, and those before the present contact; angles in rad of what turns,
-now and where the present contact began, and of the vibration; factor on the rock's stiffness; largest force of the
-present loading so far in N, and its depth in m at the last turn; 1 where the rock would pull, and does not; length in s
-of the next step in each regime. Behind them, for each law, how many of its corners lie below its
-argument, and the first piece of the part between corners that it is in and that of the next."""
+while dry friction grips them); impacts on this face, and those before the present contact; m drilled on it, likewise;
+angles in rad of what turns, now and where the present contact began, and of the vibration; factor on the rock's
+stiffness; largest force of the present loading so far in N, and its depth in m at the last turn; 1 where the rock would
+pull, and does not; way in which a drive of limited slope ramps (1, -1, or 0 while it follows), its force in N, and s
+until that changes; length in s of the next step in each regime. Behind them, for each law, how many of its corners lie
+below its argument, and the first piece of the part between corners that it is in and that of the next."""
 
 # Scalars of the model, in front of those that effects set
 M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
@@ -115,18 +122,31 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     BED_SHARE,
     BED_SQUARE,
     BED_DAMPING,
+    COMPACTION_LENGTH,
+    DRIVE_SLOPE,
+    DRIVE_SLOPE_SHARE,
+    DRIVE_DELAY,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
 SCALAR_AT = dict(zip(SCALARS, range(OMEGA + 1, OMEGA + 1 + len(SCALARS)), strict=True))
 """Places of the scalars that effects set, by their names."""
-LONGEST = BED_DAMPING + 1
+LONGEST = DRIVE_DELAY + 1
 """Longest step in s."""
 # behind them how many laws and terms there are, and where their tables begin; which effect is answerable for what
 # scalars do, -1 for none; and the dynamic states, how many of them move, the effects, whether the force of the rock may
 # peak before a turn, whether it would pull, and whether forces act beyond those of the plain rig, in flight and on rock
 LAWS, CORNERS_AT, TERMS, TERMS_AT, PARAMETERS_AT, SIZES_AT = range(LONGEST + 1, LONGEST + 7)
-BY_MOUNT, BY_AIR, BY_LAG, BY_VIBRATION, BY_GRIP1, BY_GRIP2, BY_BRISTLES1, BY_BRISTLES2, BY_CONTACT_DAMPING = range(
-    SIZES_AT + 1, SIZES_AT + 10
-)
+(
+    BY_MOUNT,
+    BY_AIR,
+    BY_LAG,
+    BY_VIBRATION,
+    BY_SLOPE,
+    BY_GRIP1,
+    BY_GRIP2,
+    BY_BRISTLES1,
+    BY_BRISTLES2,
+    BY_CONTACT_DAMPING,
+) = range(SIZES_AT + 1, SIZES_AT + 11)
 TALLY, MOVING, EFFECTS, RATED, PULLS, BUSY, BUSY_ON_ROCK = range(BY_CONTACT_DAMPING + 1, BY_CONTACT_DAMPING + 8)
 SIZE = BUSY_ON_ROCK + 1
 LEAST_AIR = 0.01
@@ -236,7 +256,27 @@ def piece_of(m: np.ndarray, d: np.ndarray, law: int, x: float) -> int:
 def look(m: np.ndarray, d: np.ndarray, law: int, x: float) -> tuple[float, float]:
     """Value and slope of a law at x, in the part between corners that the discrete state says; beyond it straight."""
     apart()
-    at = piece_of(m, d, law, x)
+    return read_piece(m, piece_of(m, d, law, x), x)
+
+
+@njit(**INNER)
+def look_anew(m: np.ndarray, law: int, x: float) -> tuple[float, float]:
+    """The same at any x, whichever corners lie below it by the discrete state."""
+    low = law_at(m, law, FIRST)
+    high = low + law_at(m, law, PIECES)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if m[PIECES_AT + middle * PIECE_COLUMNS + LEFT] <= x:
+            low = middle
+        else:
+            high = middle
+    m[SIZE + law * LAW_COLUMNS + LAST_PIECE] = low
+    return read_piece(m, PIECES_AT + low * PIECE_COLUMNS, x)
+
+
+@njit(**INLINED)
+def read_piece(m: np.ndarray, at: int, x: float) -> tuple[float, float]:
+    """Value and slope at x of the piece that begins at ``at``; beyond its ends straight."""
     scale = m[at + SCALE]
     t = (x - m[at + LEFT]) * scale - 1.0
     inside = min(max(t, -1.0), 1.0)
@@ -306,6 +346,15 @@ def shape_argument(m: np.ndarray, d: np.ndarray, law: int, w: float) -> tuple[fl
 
 
 @njit(**INLINED)
+def compaction_argument(m: np.ndarray, d: np.ndarray) -> float:
+    """Impacts on this face before the contact began, or what was drilled on it over the length that counts as one."""
+    # beyond any count of a rig a law does not go on
+    if m[COMPACTION_LENGTH] > 0.0:
+        return min(max(d[DRILLED_CONTACT], 0.0) / m[COMPACTION_LENGTH], MOST_IMPACTS)
+    return min(d[COUNT_CONTACT], MOST_IMPACTS)
+
+
+@njit(**INLINED)
 def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float) -> float:
     """What a law is over, at the state z."""
     place = law_at(m, law, PLACE)
@@ -314,7 +363,7 @@ def argument(m: np.ndarray, d: np.ndarray, law: int, z: np.ndarray, theta: float
     if place in (RATE_FACTOR, RATE_FORCE):
         return z[V2] - z[UD]
     if place == COMPACTION:
-        return d[COUNT_CONTACT]
+        return compaction_argument(m, d)
     if place == SPRING:
         return z[Y]
     if place == SPRING_FROM_REST:
@@ -373,6 +422,36 @@ def argument_size(m: np.ndarray, d: np.ndarray, law: int) -> float:
     if place == DRIVE:
         return m[F_A]
     return m[sizes + U] if place == MOUNT_SPRING else m[sizes + V2]
+
+
+@njit(**INNER)
+def drive_asked(m: np.ndarray, theta: float) -> tuple[float, float]:
+    """Force in N that is asked of a drive at a phase, whatever its slope, and its derivative by the phase."""
+    apart()
+    ratio = m[DRIVE_LAG] * m[OMEGA] / TURN
+    size = m[F_A] / math.sqrt(1.0 + ratio * ratio)
+    sine, cosine = sine_cosine(theta)
+    force, rate = size * sine, size * cosine
+    for i in range(int(m[LAWS])):
+        place = law_at(m, i, PLACE)
+        if place == WAVEFORM:
+            value, slope = look_anew(m, i, theta - TURN * math.floor(theta / TURN))
+            force += m[F_A] * value
+            rate += m[F_A] * slope
+        elif place == DRIVE:
+            value, slope = look_anew(m, i, m[F_A] * sine)
+            force += value
+            rate += slope * m[F_A] * cosine
+    return force, rate
+
+
+@njit(**INLINED)
+def drive_lost(m: np.ndarray, d: np.ndarray, shift: float, theta: float) -> float:
+    """Force in N that a drive of limited slope, which is late, has beyond what is asked at the phase ``theta``."""
+    asked = drive_asked(m, theta)[0]
+    if d[SLEWING] != 0.0:
+        return d[DRIVEN] + d[SLEWING] * m[DRIVE_SLOPE] * shift - asked
+    return drive_asked(m, theta - m[OMEGA] * m[DRIVE_DELAY])[0] - asked
 
 
 @njit(**INLINED)
@@ -475,6 +554,10 @@ def extra_forces(
         lost = drive * (1.0 / math.sqrt(1.0 + ratio * ratio) - 1.0)
         on_indenter += lost
         dz[given + int(m[BY_LAG])] += lost * v2
+    if int(m[BY_SLOPE]) >= 0 and (d[SLEWING] != 0.0 or m[DRIVE_DELAY] != 0.0):
+        lost = m[DRIVE_SLOPE_SHARE] * drive_lost(m, d, shift, theta)
+        on_indenter += lost
+        dz[given + int(m[BY_SLOPE])] += lost * v2
     if int(m[BY_VIBRATION]) >= 0:
         turned = d[VIBRATION] + m[VIBRATION_RATE] * shift + m[VIBRATION_PHASE]
         push1 = m[SHAKER_VIBRATION] * sine_cosine(turned)[0]

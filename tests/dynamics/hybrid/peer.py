@@ -90,6 +90,64 @@ class Wave:
         return self.cubic(self.omega * t - 2.0 * math.pi * self.turns)
 
 
+class Ramped:
+    """What a drive of limited slope has beyond the sine that is asked of it, over its size: by parts in time.
+
+    It is asked for ``delay`` s late, follows where that is no steeper than ``steepest``, and ramps where it is.
+    """
+
+    def __init__(self, size, omega, steepest, delay, end):
+        self.size, self.omega, self.steepest, self.delay = size, omega, steepest, delay
+        self.parts, t, force, meets = [], 0.0, 0.0, False
+        while t < end:
+            steep = size * omega * math.cos(omega * (t - delay))
+            if not meets and abs(force - self.late(t)) > 1e-12 * size:
+                steep = math.inf if self.late(t) > force else -math.inf
+            if abs(steep) <= steepest:
+                # until the cosine is as steep again
+                edge = math.acos(steepest / (size * omega)) if steepest < size * omega else -math.inf
+                turn = math.ceil((omega * (t - delay) + edge) / math.pi + 1e-9) * math.pi
+                after = (turn - edge) / omega + delay
+                self.parts.append((t, self.late))
+                force, meets, steep = self.late(after), True, math.cos(turn)
+                t = after
+                if t >= end:
+                    break
+            slope = math.copysign(steepest, steep)
+            ramp = self.line(t, force, slope)
+            self.parts.append((t, ramp))
+            t, meets = self.meeting(t, ramp, slope), True
+            force = ramp(t)
+        self.part = self.parts[0][1]
+
+    def late(self, t):
+        return self.size * math.sin(self.omega * (t - self.delay))
+
+    @staticmethod
+    def line(begin, force, slope):
+        return lambda t: force + slope * (t - begin)
+
+    def meeting(self, begin, ramp, slope):
+        """When a ramp that lags behind what is asked comes up to it."""
+
+        def ahead(t):
+            return math.copysign(1.0, slope) * (ramp(t) - self.late(t))
+
+        step, t = 1e-3 / self.omega, begin + 1e-3 / self.omega
+        while ahead(t + step) < 0.0:
+            t += step
+        return brentq(ahead, t, t + step, xtol=1e-18, rtol=1e-15)
+
+    def times(self, end):
+        return [begin for begin, _ in self.parts if begin < end]
+
+    def settle(self, begin, end):
+        self.part = [part for at, part in self.parts if at <= 0.5 * (begin + end)][-1]
+
+    def __call__(self, t):
+        return (self.part(t) - self.size * math.sin(self.omega * t)) / self.size
+
+
 class Straight:
     """A contact with R = k S(depth), S(0) = 0; by default S is the depth."""
 
@@ -174,7 +232,7 @@ class Peer:
         self.air = lambda lost, v1: 0.0
         """How fast the cylinder loses force, in N/s."""
         self.mount = None
-        self.factor_at = lambda t, impacts: 1.0
+        self.factor_at = lambda t, impacts, drilled: 1.0
         self.grips = (0.0, 0.0)
         self.bristles = [None, None]
         """(stiffness, sliding force by the speed) of each mass."""
@@ -313,7 +371,7 @@ class Peer:
         self.xp = self.foot = self.xf
         z[X2], z[ROCK_FORCE] = self.xf + z[FACE], 0.0
         self.since, self.speed = t, z[V2] - z[FACE_SPEED]
-        self.factor = self.factor_at(t, len(self.impacts))
+        self.factor = self.factor_at(t, len(self.impacts), self.xf)
         self.enter(LOADING, t, z)
 
     def release(self, t, z):

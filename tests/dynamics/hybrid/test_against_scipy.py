@@ -25,6 +25,7 @@ from tests.dynamics.hybrid.peer import (
     Bent,
     Bristles,
     Peer,
+    Ramped,
     Straight,
     Tangent,
     Wave,
@@ -123,6 +124,10 @@ def external_vibration(peer, F1, F2, f, psi):
     peer.on_indenter = lambda t: F2 * math.sin(2.0 * math.pi * f * t + psi)
 
 
+def slope_limit(peer, S_max, tau_f=0.0):
+    peer.wave = Ramped(peer.f_a, peer.omega, S_max, tau_f, PERIODS * peer.period)
+
+
 def force_limit(peer, F_max=None, F_s=None):
     if F_max is not None:
         peer.drive = clipped(-F_max, F_max)
@@ -153,7 +158,11 @@ def indenter_friction(peer, fc2, vs2=0.0, ds2=0.0, sd2=0.0, rs2=0.0, vr2=0.05):
 
 
 def rock_compaction(peer, soft, soft_n):
-    peer.factor_at = lambda t, impacts: 1.0 - soft * math.exp(-impacts / soft_n)
+    peer.factor_at = lambda t, impacts, drilled: 1.0 - soft * math.exp(-impacts / soft_n)
+
+
+def compaction_by_depth(peer, soft, soft_l):
+    peer.factor_at = lambda t, impacts, drilled: 1.0 - soft * math.exp(-drilled / soft_l)
 
 
 def rock_mount(peer, s_r, m_r, zeta_r):
@@ -161,7 +170,7 @@ def rock_mount(peer, s_r, m_r, zeta_r):
 
 
 def rock_rotation(peer, eps, Omega, psi):
-    peer.factor_at = lambda t, impacts: 1.0 + eps * math.cos(Omega * t + psi)
+    peer.factor_at = lambda t, impacts, drilled: 1.0 + eps * math.cos(Omega * t + psi)
 
 
 def hardening(peer, k3):
@@ -187,6 +196,8 @@ EQUATIONS = [
     Case("external-vibration", {"F1": 155.0, "F2": 2.25, "f": 32.5, "psi": 0.4}, external_vibration),
     Case("force-limit", {"F_max": 275.0}, force_limit),
     Case("force-limit", {"F_s": 230.0}, force_limit, name="force-limit-of-the-spring"),
+    Case("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}, slope_limit, name="force-limit-of-the-slope"),
+    Case("force-limit", {"S_max": 1.5e5}, slope_limit, AT_95, "force-limit-ramps-alone"),
     Case("guide-friction", {"fc1": 47.5}, guide_friction),
     Case("guide-friction", {"fc1": 30.0, "vs1": 3e-4}, guide_friction, AT_110, "guide-friction-rounded"),
     Case("indenter-friction", {"fc2": 47.5}, indenter_friction),
@@ -214,6 +225,7 @@ EQUATIONS = [
         "indenter-friction-lugre",
     ),
     Case("rock-compaction", {"soft": 0.375, "soft_n": 42.0}, rock_compaction, AT_95),
+    Case("rock-compaction", {"soft": 0.375, "soft_l": 3e-4}, compaction_by_depth, name="rock-compaction-by-depth"),
     Case("rock-mount-compliance", {"s_r": 2.75e-8, "m_r": 55.0, "zeta_r": 0.11}, rock_mount),
     Case("rock-rotation", {"eps": 0.155, "Omega": 10.0, "psi": 0.5}, rock_rotation),
     Case("stiffness-hardening", {"k3": 6e9}, hardening, AT_95),
@@ -249,7 +261,7 @@ def rate_force(peer, x, y):
 
 def compaction(peer, x, y):
     factor = PchipInterpolator(x, y)
-    peer.factor_at = lambda t, impacts: 1.0 + float(factor(min(max(impacts, x[0]), x[-1])))
+    peer.factor_at = lambda t, impacts, drilled: 1.0 + float(factor(min(max(impacts, x[0]), x[-1])))
 
 
 def spring(peer, x, y):

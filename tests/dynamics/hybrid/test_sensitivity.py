@@ -28,9 +28,14 @@ from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
     BRISTLES2,
     COEFFICIENTS,
+    COMPACTION_LENGTH,
     CONTACT_DAMPING,
     CONTACT_DAMPING_POWER,
+    DRIVE_DELAY,
     DRIVE_LAG,
+    DRIVE_SLOPE,
+    DRIVE_SLOPE_SHARE,
+    DRIVEN,
     F_A,
     F_B,
     FIRST,
@@ -43,6 +48,7 @@ from drillenv.dynamics.hybrid.vector_field import (
     MOUNT_DAMPING,
     MOUNT_GAIN,
     MOUNT_SQUARE,
+    OMEGA,
     OWN,
     PIECE_COLUMNS,
     PIECES,
@@ -53,8 +59,10 @@ from drillenv.dynamics.hybrid.vector_field import (
     ROTATION_RATE,
     ROTATION_SHARE,
     SIZES_AT,
+    SLEWING,
     SLIDING1,
     SLIDING2,
+    THETA,
     TIME,
     UD,
     V1,
@@ -74,6 +82,9 @@ SETTING, ROCK, RTOL = Setting(60.0, 0.45, 1.0), ROCKS[4], 1e-13
 MOVING = sorted(name for name, effect in LIBRARY.items() if effect.moves_rig)
 MORE = {
     "clipped spring": ("force-limit", {"F_s": 190.0}),
+    "compaction over the depth": ("rock-compaction", {"soft": 0.4, "soft_l": 1e-4}),
+    "a drive of limited slope": ("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}),
+    "a drive that ramps": ("force-limit", {"S_max": 8e4}),
     "rounded guide": ("guide-friction", {"fc1": 30.0, "vs1": 3e-3}),
     "rounded indenter": ("indenter-friction", {"fc2": 30.0, "vs2": 5e-2}),
     "bristles of the guide": ("guide-friction", {"fc1": 40.0, "ds1": 1e-6, "sd1": 7e3, "rs1": 0.4, "vr1": 1e-3}),
@@ -209,7 +220,8 @@ def test_tangent_of_the_return_map(name):
 SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_PER_LENGTH,
            AIR_RATE, DRIVE_LAG, ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2,
            SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2, CONTACT_DAMPING, CONTACT_DAMPING_POWER, BED_SHARE,
-           BED_SQUARE, BED_DAMPING]  # fmt: skip
+           BED_SQUARE, BED_DAMPING, DRIVE_SLOPE, DRIVE_SLOPE_SHARE, DRIVE_DELAY,
+           COMPACTION_LENGTH]  # fmt: skip
 """By which a column may be."""
 
 
@@ -248,6 +260,10 @@ def test_sensitivities_by_scalars_and_laws_are_those_of_differences(name):
         if column < len(scalars) and scalars[column] == ROTATION_RATE:
             # it has turned like this since time 0
             motion.d[ROTATION] += change * motion.d[TIME]
+        if motion.d[SLEWING] == 0.0:
+            # and a drive that follows has followed this
+            m = other.flat
+            motion.d[DRIVEN] = m[F_A] * np.sin(motion.d[THETA] - m[OMEGA] * m[DRIVE_DELAY])
         status, *_rest = integrate(
             True, other, *motion, False, periods / SETTING.frequency, 1.0, rows, rig.extras, RTOL, rig.scratch
         )
