@@ -53,7 +53,8 @@ CANDIDATES = 5
 BEYOND_DOUBT = 20.0
 """Times what it has to gain from which a family is not left out for a try."""
 PROMISED = 0.5
-"""Share of the best score test's gain that its short fit has to reach, or else its windows are freed."""
+"""Share of the best score test's gain that its short fit has to reach, or else its windows are freed; and of what the
+best other family gains, that one which is fitted from above has to reach for that."""
 
 
 def start_with(fitted: Fitted, family: Family, strength: float) -> tuple[ModelStructure, Floats]:
@@ -110,13 +111,15 @@ def from_strengths(fitted: Fitted, score: Score, limits: Limits) -> Fitted:
     return min((with_family(fitted, score.family, limits, each) for each in strengths), key=lambda each: each.cost)
 
 
-def from_above(fitted: Fitted, family: Family) -> Fitted:
+def from_above(fitted: Fitted, family: Family, limits: Limits, best: Fitted | None) -> Fitted:
     """A short fit with one more family, from the strength at which it is begun; of joined windows the better of two.
 
-    By way of free windows states come to suit that strength, and end elsewhere than those that stay joined.
+    By way of free windows states come to suit that strength, and end elsewhere than those that stay joined. Where the
+    ``best`` fit of another family explains all, and this one by far less, that is not tried.
     """
-    found = with_family(fitted, family, SHORT, family.starting_strength)
-    if fitted.slack > TIGHT:
+    found = with_family(fitted, family, limits, family.starting_strength)
+    lags = best is not None and fitted.cost - found.cost < PROMISED * (fitted.cost - best.cost)
+    if fitted.slack > TIGHT or (best is not None and lags and explains_all(best, fitted)):
         return found
     structure, start = start_with(fitted, family, family.starting_strength)
     freed = with_continuity_relaxed(fitted, structure, start, states_first=True)
@@ -400,7 +403,7 @@ def refine_candidates(
         ended = [other for _, other in fits] if best is None else [best]
         limits = LOOSE if any(other.reduced_chi_square < 1.0 + LEFT for other in ended) else SHORT
         if each.family.starting_strength and each.gain >= NEAR * promised:
-            found = from_above(fitted, each.family)
+            found = from_above(fitted, each.family, limits, best)
         elif each.family.has_states and most_is_left:
             found = from_strengths(fitted, each, limits)
         else:

@@ -46,6 +46,8 @@ class Step:
     """The resolution of its law that was tried last while the model was not close."""
     provisional: bool = False
     """Whether its equation was chosen while the model was far off."""
+    coarse: bool = False
+    """Whether its law was left as it is for as long as it errs by little and something else is missing."""
     corrects: bool = False
     """Whether it is no mechanism of its own, but what another measured law of the same force is off."""
 
@@ -130,8 +132,18 @@ def accept(fitted: Fitted, family: Family, found: Fitted, dof: int, say: Say, st
     return replace(step, corrects=True, pending=False)
 
 
-def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
-    """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for."""
+def errs_little(fitted: Fitted, gain: float) -> bool:
+    """Whether a law of a gain can leave no more than its error is worth in a fit that leaves something."""
+    left = fitted.cost - 0.5 * fitted.residual_dof
+    return fitted.reduced_chi_square > 1.0 + LEFT and left < LAW_LEFT**2 * gain
+
+
+def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = False) -> Step:
+    """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for.
+
+    What a law leaves that errs by little is looked for among other families before it is drawn finer, ``at_last``: with
+    those there it may follow an equation.
+    """
     family, gain, found = step.family, step.gain, fitted
     if step.pending:
         named, other = name_law(found, family, gain, say)
@@ -140,14 +152,18 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     if named.equation is None and found.reduced_chi_square > CLOSE:
         return drawn_sharper(replace(step, named=named, after=found), say)
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
-    if family.terms and (named.equation is None or other.cost > found.cost):
+    curved = any(isinstance(each, Curve | Gain) for each in family.terms)
+    coarse = curved and named.equation is None and not at_last and errs_little(found, gain)
+    if coarse:
+        named = named_by_law(named, found, family, gain)
+    elif family.terms and (named.equation is None or other.cost > found.cost):
         finer = refined(found, family)
         fewer = finer.fit.shared.size - other.fit.shared.size
         if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
             terms = finer.structure.current(family.terms)
             measured, other = replace(named, equation=None), finer
             named = named_by_law(measured, finer, replace(family, terms=terms), gain)
-    if named.tried and named.equation is None and other.reduced_chi_square > 1.0 + LEFT:
+    if not coarse and named.tried and named.equation is None and other.reduced_chi_square > 1.0 + LEFT:
         both, joint = corrected_equation(named, other, family)
         # priors that make a law smooth are a part of its cost, and none of what a correction gains
         if both.cost < min(other.cost, found.cost) - 0.5 * chi2.isf(FALSE_ALARMS, family.size):
@@ -166,7 +182,7 @@ def identify_equation(fitted: Fitted, step: Step, say: Say) -> Step:
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.reduced_chi_square:.4f}")
     provisional = named.equation is not None and not close
-    return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional)
+    return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional, coarse=coarse)
 
 
 def drawn_sharper(step: Step, say: Say) -> Step:
@@ -229,13 +245,33 @@ def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
 def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: bool) -> Fitted | None:
     """The fit with a law that was found drawn finer, in an equation's words, or exchanged for a rival's; or None.
 
+    A law that was left coarse is drawn finer where none of these is called for.
+
     Rivals were fitted to the same samples only where the steps were ``found_here``.
     """
     finer = with_finer_law(fitted, steps, say)
     if finer is not None:
         return finer
     other = with_equations(fitted, steps, say)
-    return exchanged(fitted, steps, say) if other is None and found_here else other
+    if other is None and found_here:
+        other = exchanged(fitted, steps, say)
+    return with_fine_law(fitted, steps, say) if other is None else other
+
+
+def with_fine_law(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
+    """The fit with a law as fine as the recordings call for that was left coarse; None where none gets better."""
+    for i, step in enumerate(steps):
+        if not step.coarse:
+            continue
+        step.coarse = False
+        if step.named.equation is not None or step.corrects:
+            continue
+        family = replace(step.family, terms=fitted.structure.current(step.family.terms))
+        finer = identify_equation(fitted, replace(step, family=family, terms=family.terms), say, at_last=True)
+        if criterion(finer.after, fitted) < criterion(fitted, fitted):
+            steps[i] = finer
+            return finer.after
+    return None
 
 
 def with_finer_law(fitted: Fitted, steps: Sequence[Step], say: Say) -> Fitted | None:
