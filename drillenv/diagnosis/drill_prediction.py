@@ -22,7 +22,7 @@ from drillenv.diagnosis.fitting import OUTLYING, RELAXED, TIGHT, TIGHTENING, Fit
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.sensing import Added
 from drillenv.diagnosis.solver import Floats, Limits, minimise
-from drillenv.diagnosis.terms import Model
+from drillenv.diagnosis.terms import Model, Term
 from drillenv.diagnosis.thresholds import CLOSE
 
 PART = 4
@@ -42,6 +42,10 @@ class StateEstimate(NamedTuple):
     def model(self) -> Model:
         """With the parameters."""
         return self.block.structure.model(self.shared * self.block.scales, self.block.point)
+
+    def values_of(self, term: Term) -> Floats:
+        """Parameters of a term of the structure, in their own units."""
+        return (self.shared * self.block.scales)[self.block.structure.part(term.name)]
 
 
 def estimates_of(fitted: Fitted) -> list[StateEstimate]:

@@ -131,18 +131,16 @@ def of_recordings(estimates: Sequence[StateEstimate], term: Term) -> dict[str, d
 
 def own_values(estimate: StateEstimate, term: Term) -> Floats:
     """Parameters of a term in one recording."""
-    structure, values = estimate.block.structure, estimate.shared * estimate.block.scales
-    there = structure.current([term])[0]
-    return there.of_recording(estimate.block.name, values[structure.part(term.name)])[1]
+    there = estimate.block.structure.current([term])[0]
+    return there.of_recording(estimate.block.name, estimate.values_of(term))[1]
 
 
 def term_mean(estimate: StateEstimate, term: Added) -> Floats:
     """(2,) mean over a recording of what a term adds to its channels; 0 where its model does not have it."""
-    structure, block = estimate.block.structure, estimate.block
-    if not structure.current([term]):
+    block = estimate.block
+    if not block.structure.current([term]):
         return np.zeros(2)
-    values = (estimate.shared * block.scales)[structure.part(term.name)]
-    said = term.add(values, block.point._replace(rate=block.data.rate), block.data.force.size)
+    said = term.add(estimate.values_of(term), block.point._replace(rate=block.data.rate), block.data.force.size)
     return np.zeros(2) if said is None else said.mean(axis=1)
 
 

@@ -137,7 +137,7 @@ def test_dry_friction_is_fitted_from_above():
     with ThreadPoolExecutor(2) as pool:
         plain = plain_fit(campaign, data, pool)
         (family,) = (each for each in DRILL.candidates(plain) if each.name == "presliding guide")
-        below, above = short_fit(plain, family), from_above(plain, family)
+        below, above = short_fit(plain, family), from_above(plain, family, SHORT, None)
     assert above.slack == TIGHT and above.cost < below.cost - 10.0
     assert above.values_of(family.terms[0].name)[0] == pytest.approx(45.0, rel=0.1)
 

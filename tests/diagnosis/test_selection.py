@@ -600,6 +600,71 @@ def test_a_coarse_law_of_a_far_model_is_drawn_sharper_where_that_takes_most(monk
     assert found.detail == (resolution.DETAILS[0] if left == by_detail else begun.detail)
 
 
+@pytest.mark.parametrize(
+    ("chi_square", "gain", "at_last", "coarse"),
+    [
+        (1.5, 2e6, False, True),  # what is left is less than a tenth of the law is worth
+        (1.5, 2e5, False, False),
+        (1.5, 2e6, True, False),
+        (1.03, 2e6, False, False),  # nothing is left that others could explain
+    ],
+)
+def test_a_law_that_errs_by_little_is_not_drawn_finer_before_others_are_looked_for(
+    monkeypatch, chi_square, gain, at_last, coarse
+):
+    curve, drawn = Curve("spring", ()), []  # type: ignore[arg-type]
+    structure: Any = Fake(rig=Fake(noise_left=lambda _: (), axes_at=lambda _: None), current=lambda terms: terms)
+    found: Any = Fake(
+        reduced_chi_square=chi_square, cost=chi_square * SAMPLES / 2, residual_dof=SAMPLES, samples=SAMPLES, noise=(),
+        structure=structure, fit=Fake(shared=np.zeros(3)),
+    )  # fmt: skip
+    found.refit = lambda *_, **__: found
+    tried = Tried(Term("equation", ()), np.zeros(0), 0.4 * gain)
+    monkeypatch.setattr(steps, "name_law", lambda *_: (Named("spring", None, (tried,)), found))
+    monkeypatch.setattr(steps, "named_by_law", lambda named, *_: named)
+    monkeypatch.setattr(steps, "refined", lambda fitted, _family: drawn.append(fitted) or fitted)
+    monkeypatch.setattr(steps, "corrected_equation", lambda *_: (found, (curve,)))
+    monkeypatch.setattr(steps, "on_axes", lambda structure, axes: structure)
+    family: Any = replace(families(FLAT, [60.0, 90.0])[0], terms=(curve,))
+    begun = steps.Step(family, gain, 8, SAMPLES, found, Named("spring", None), (curve,), [], pending=True)
+    ended = steps.identify_equation(found, begun, lambda _: None, at_last)
+    assert ended.coarse == coarse and bool(drawn) != coarse
+    assert ended.terms == (curve,) and not ended.pending
+
+
+@pytest.mark.parametrize(("finer", "taken"), [(90.0, True), (101.0, False)])
+def test_a_law_that_was_left_coarse_is_drawn_finer_in_the_end(monkeypatch, finer, taken):
+    structure = Fake(current=lambda terms: terms)
+    fitted: Any = Fake(cost=100.0, samples=SAMPLES, structure=structure, fit=Fake(shared=np.zeros(3)))
+    after: Any = Fake(cost=finer, fit=Fake(shared=np.zeros(3)))
+    family: Any = replace(families(FLAT, [60.0, 90.0])[0], terms=())
+    begun = steps.Step(family, 1e4, 8, SAMPLES, fitted, Named("spring", None), (), [], coarse=True)
+
+    def identified(_, step, say, at_last):
+        assert at_last and not step.coarse
+        return replace(step, after=after)
+
+    monkeypatch.setattr(steps, "identify_equation", identified)
+    found = [begun]
+    assert steps.with_fine_law(fitted, found, lambda _: None) is (after if taken else None)
+    assert found[0].after is (after if taken else fitted) and not found[0].coarse
+    # once is enough
+    assert steps.with_fine_law(fitted, found, lambda _: None) is None
+
+
+@pytest.mark.parametrize(("gain", "left", "freed"), [(60.0, 1.001, True), (40.0, 1.001, False), (40.0, 1.5, True)])
+def test_friction_from_above_is_not_followed_beside_what_explains_all(monkeypatch, gain, left, freed):
+    fitted: Any = Fake(cost=1000.0, slack=TIGHT, reduced_chi_square=2.0)
+    best: Any = Fake(cost=900.0, reduced_chi_square=left)
+    found, other = Fake(cost=1000.0 - gain), Fake(cost=1000.0, slack=TIGHT)
+    tried: list[object] = []
+    monkeypatch.setattr(selection, "with_family", lambda *_: found)
+    monkeypatch.setattr(selection, "start_with", lambda *_: (None, None))
+    monkeypatch.setattr(selection, "with_continuity_relaxed", lambda *_, **__: tried.append(other) or other)
+    assert selection.from_above(fitted, Fake(starting_strength=1.0), SHORT, best) is found  # type: ignore[arg-type]
+    assert bool(tried) == freed
+
+
 @pytest.mark.parametrize(("moved", "stayed", "ends"), [(1.05, 1.3, 1.05), (3250.0, 1.2, 1.2)])
 def test_a_fit_over_other_ranges_that_ends_worse_is_not_kept(monkeypatch, moved, stayed, ends):
     class Ends:

@@ -223,6 +223,8 @@ def unbroken(effects, setting, seconds, rock, phase):
         {"contact-power-law": {"n": 1.4}},
         {"rock-mount-compliance": {"s_r": 2e-8}},
         {"rock-compaction": {"soft": 0.5, "soft_n": 20.0}},
+        {"rock-compaction": {"soft": 0.5, "soft_l": 3e-4}},
+        {"force-limit": {"S_max": 2.5e5, "tau_f": 5e-5}},
         {"air-spring": {"k_a": 2e3, "tau": 0.3}, "contact-toe": {"h": 2e-5}},
         {"external-vibration": {"F1": 100.0, "F2": 2.0, "f": 33.0}, "rock-rotation": {"eps": 0.2, "Omega": 11.0}},
         {"tabulated-spring": {"x": [0.0, 0.004, 0.008], "y": [0.0, 200.0, 900.0]}},
@@ -284,7 +286,12 @@ def test_a_new_layer_is_fresh_to_compaction_too():
 
 # --- Points of an episode
 
-STATEFUL = {"contact-rate": {"chi": 1.0}, "air-spring": {"k_a": 3e3, "tau": 0.3}, "rock-compaction": {"soft": 0.4}}
+STATEFUL = {
+    "contact-rate": {"chi": 1.0},
+    "air-spring": {"k_a": 3e3, "tau": 0.3},
+    "rock-compaction": {"soft": 0.4},
+    "force-limit": {"S_max": 2.5e5},
+}
 
 
 def run_on(plants, engine, settings):

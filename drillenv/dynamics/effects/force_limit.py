@@ -8,7 +8,7 @@ from drillenv.dynamics.forms import Form
 NONE = 1e6
 """N: at this force, the bound, nothing is limited."""
 STEEPEST = 1e9
-"""N/s: at this slope, the bound, nothing is limited."""
+"""N/s: at this slew rate, the bound, nothing is limited."""
 
 
 def _on_body(position, velocity, applied, stiffness, p):
@@ -42,8 +42,8 @@ EFFECT = Effect(
     parameters=(
         Parameter("F_max", "largest force of the drive", "N", 1.0, NONE, NONE, (150.0, 400.0)),
         Parameter("F_s", "largest force of the spring", "N", 1.0, NONE, NONE, (NONE, NONE)),
-        Parameter("S_max", "largest slope of the drive's force", "N/s", 1.0, STEEPEST, STEEPEST, (STEEPEST, STEEPEST)),
-        Parameter("tau_f", "delay of a drive whose slope is limited", "s", 0.0, 1e-3, 0.0, (0.0, 0.0)),
+        Parameter("S_max", "slew rate of the drive", "N/s", 1.0, STEEPEST, STEEPEST, (STEEPEST, STEEPEST)),
+        Parameter("tau_f", "delay of a drive whose slew rate is limited", "s", 0.0, 1e-3, 0.0, (0.0, 0.0)),
     ),
     balances=("indenter", "body"),
     regimes=EVERYWHERE,
@@ -57,7 +57,7 @@ EFFECT = Effect(
     forms=(
         Form("clipped", ("F_max",), ((200.0,), (280.0,), (380.0,))),
         Form("clipped spring", ("F_s",), ((150.0,), (230.0,))),
-        Form("limited slope", ("S_max", "tau_f"), ((1.5e5, 2e-5), (2.5e5, 2e-5), (3.5e5, 2e-5))),
+        Form("limited slew rate", ("S_max", "tau_f"), ((1.5e5, 2e-5), (2.5e5, 2e-5), (3.5e5, 2e-5))),
     ),
     body_forms=(
         Form("clipped", ("F_max",), ((0.5,), (0.7,), (0.9,))),

@@ -1,4 +1,4 @@
-"""A drive whose force cannot rise or fall faster than a certain slope: it follows what is asked of it, or it ramps.
+"""A drive of limited slew rate, the slope of its force: it follows what is asked of it, or it ramps.
 
 It ramps from where what is asked becomes too steep, until it meets that again. What is asked depends on time alone, so
 these times are found ahead of the motion, and steps end at them.
