@@ -12,11 +12,12 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 
 from drillenv.diagnosis.coupling import from_rest
 from drillenv.diagnosis.fitting import Fitted
-from drillenv.diagnosis.laws import Curve, Equation, Family, constant_beside, damping_at
+from drillenv.diagnosis.laws import LEAST, Curve, Equation, Family, constant_beside, damping_at
 from drillenv.diagnosis.naming import Tried
 from drillenv.diagnosis.noise import line_columns
 from drillenv.diagnosis.sensing import FORCE, FORCE_LAG, Added, Sensor, response
@@ -37,11 +38,14 @@ from drillenv.dynamics.constitutive.places import (
     SPRING,
     SPRING_FROM_REST,
     WAVEFORM,
+    Shape,
 )
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.hybrid import vector_field as V
 
 POINTS = 61
+FARTHEST = 100.0
+"""Times w, how deep the indenter is looked for at most."""
 BAND = 1.96
 LOW_END = 5
 """Part of the range of a law beyond rest, inverted, at whose low end it is taken to be none."""
@@ -117,26 +121,48 @@ def _ends(axes: Axes, place: int) -> tuple[float, float]:
 
 
 def _contact_law(axes: Axes, top: float, found: Model) -> Shown:
-    """Force over depth while loading, beyond that of the straight law: w' = kappa d' integrated.
+    """Force over depth while loading, beyond that of the straight law.
 
     Up to the depth at which w is at its ``top`` in the model that was ``found``.
     """
-    w = np.linspace(0.0, 1.5 * top, 1500)
-
-    def depth(model: Model) -> Floats:
-        kappa = np.exp(_at(model, axes, LOADING, w))
-        return np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / kappa[1:] + 1.0 / kappa[:-1]) * np.diff(w))])
-
-    x = np.linspace(0.0, float(np.interp(top, w, depth(found))), POINTS)
+    x = np.linspace(0.0, float(depth_at(found, axes, np.array([top]))[0]), POINTS)
 
     def seen(motion: Motion) -> tuple[Floats, Floats]:
         loading = (motion.path[V.W] > 0.0) & (motion.path[V.V2] > 0.0)
-        return np.interp(motion.path[V.W][loading], w, depth(motion.model)), motion.contact[loading]
+        return depth_at(motion.model, axes, motion.path[V.W][loading]), motion.contact[loading]
 
     def y(model: Model) -> Floats:
-        return model.s[V.KL] * (np.interp(x, depth(model), w) - x)
+        return model.s[V.KL] * (elastic_depth(model, axes, x) - x)
 
     return Shown("depth, loading", "m", "N", x, y, seen, straight=True)
+
+
+def elastic_depth(model: Model, axes: Axes, depth: Floats) -> Floats:
+    """(n,) w = R / k_l at depths (n,) in m while loading, which rise from 0.
+
+    A free law says the slope of w over w, which is integrated; an equation says w itself, also where it has no slope at
+    the face.
+    """
+    if model.free[LOADING].any():
+        reach = max(float(axes.points(LOADING)[-1]), float(np.max(depth)))
+        w = np.linspace(0.0, 1.5 * reach, 1500)
+        slope = np.exp(interpolate(model.free[LOADING], axes, LOADING, w))
+        depth = np.interp(depth, cumulative_trapezoid(1.0 / slope, w, initial=0.0), w)
+    for law in model.laws:
+        shape = REGISTRY[law.effect].laws.get("loading")
+        if isinstance(shape, Shape):
+            scale = model.s[V.KL] if shape.over == "force" else 1.0
+            depth = shape.law(depth * scale, law.parameters, float(model.s[V.K])) / scale
+    return depth
+
+
+def depth_at(model: Model, axes: Axes, w: Floats) -> Floats:
+    """(n,) depths in m while loading at which R / k_l is w (n,)."""
+    reach = deepest = max(float(np.max(w, initial=0.0)), LEAST)
+    while elastic_depth(model, axes, np.array([0.0, deepest]))[1] < reach and deepest < FARTHEST * reach:
+        deepest *= 2.0
+    depth = deepest * np.linspace(0.0, 1.0, 2000) ** 2
+    return np.interp(w, elastic_depth(model, axes, depth), depth)
 
 
 def _contact_rate(axes: Axes, fastest: float, depth: float) -> Shown:

@@ -6,11 +6,12 @@ import pytest
 from drillenv.diagnosis.constants import NAMES, Constants
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.laws import DRIVE_LAG, equations, families
-from drillenv.diagnosis.measured import POINTS, Shown, _contact_law, _coupling, curve_of, near, unloaded
+from drillenv.diagnosis.measured import POINTS, Shown, _contact_law, _coupling, curve_of, depth_at, near, unloaded
 from drillenv.diagnosis.sensing import added
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.diagnosis.terms import Model, ModelStructure, OperatingPoint, Unknown
+from drillenv.diagnosis.terms import Law, Model, ModelStructure, OperatingPoint, Unknown
 from drillenv.dynamics.constitutive.places import INDENTER, LOADING, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.hybrid import vector_field as V
 
 STIFFNESS, ENDS = 68850.0, (0.9e-3, 2.2e-3)
@@ -59,6 +60,27 @@ def test_a_contact_is_shown_as_deep_as_blows_go(factor):
     shown = _contact_law(AXES, top, model)
     assert shown.x[-1] == pytest.approx(top / factor)
     np.testing.assert_allclose(shown.y(model), (factor - 1.0) * 21.4e6 * shown.x, atol=1e-6 * 21.4e6 * top)
+
+
+@pytest.mark.parametrize(
+    ("effect", "p", "law"),
+    [
+        # which has no stiffness at the face
+        ("contact-power-law", (1.57,), lambda x: 1e-4 * (x / 1e-4) ** 1.57),
+        ("contact-power-law", (0.8,), lambda x: 1e-4 * (x / 1e-4) ** 0.8),
+        ("contact-toe", (2e-5, 0.1, 0.5), lambda x: x - 0.9 * 2e-5 * -np.expm1(-x / 2e-5)),
+    ],
+)
+def test_an_equation_of_the_contact_is_shown_as_it_is(effect, p, law):
+    model, top = Model(), 1.5e-4
+    model.s[V.KL], model.s[V.KU] = 21.4e6, 25e6
+    model.laws.append(Law(effect, REGISTRY[effect].forms[0], p, AXES))
+    shown = _contact_law(AXES, top, model)
+    assert law(shown.x[-1]) == pytest.approx(top, rel=1e-4)
+    assert shown.y is not None
+    np.testing.assert_allclose(shown.y(model), 21.4e6 * (law(shown.x) - shown.x), rtol=1e-9, atol=1e-9)
+    w = np.array([0.0, 1e-6, 3e-5, 1.4e-4])
+    np.testing.assert_allclose(law(depth_at(model, AXES, w)), w, rtol=1e-3, atol=1e-12)
 
 
 def test_a_gain_of_the_drive_is_shown_over_the_frequency():
