@@ -115,6 +115,8 @@ class Outcome:
     """Sentences on recordings that were left out once labels had been corrected."""
     refuted: Sequence[str] = ()
     """Mechanisms that were found, and are left out for what they do on recordings that took no part in the fit."""
+    known: Known | None = None
+    """What the search ended with."""
 
     @property
     def mechanisms(self) -> list[Step]:
@@ -173,7 +175,7 @@ def diagnose_drill(
         say(f"{other.why}: once more {other.how}")
         left = max(last - time.process_time(), 0.0)
         try:
-            again = search(other.campaign, say, jobs, scope, interruptible, left)
+            again = search(other.campaign, say, jobs, scope, interruptible, left, other.known)
         except KeyboardInterrupt:
             if not interruptible:
                 raise
@@ -192,6 +194,8 @@ class SecondLook(NamedTuple):
     """What calls its labels in question, a clause."""
     how: str
     """With or without what it is searched, in words."""
+    known: Known | None = None
+    """What a search of it would end with, where no recording that is fitted has another label."""
 
 
 def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -> SecondLook | None:
@@ -206,7 +210,9 @@ def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -
         every = (relabelled(each, as_stated) if each.name == back.recording else each for each in campaign.recordings)
         others = [each for each in labels if each is not back]
         why = f"what was found puts the pressure of {back.recording} back"
-        return SecondLook(replace(campaign, recordings=tuple(every)), others, why, "with it as stated")
+        fitted = back.recording in {each.name for each in outcome.fit_data}
+        known = None if fitted else outcome.known
+        return SecondLook(replace(campaign, recordings=tuple(every)), others, why, "with it as stated", known)
     alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
     if alone is None:
         return None
@@ -236,8 +242,12 @@ def search(
     scope: Scope | None = None,
     interruptible: bool = False,
     within: float = math.inf,
+    known: Known | None = None,
 ) -> Outcome:
-    """The verdict on recordings as they are labelled; arguments as of :func:`diagnose_drill`."""
+    """The verdict on recordings as they are labelled; arguments as of :func:`diagnose_drill`.
+
+    Where it is ``known`` already what the search ends with, that is held against recordings alone.
+    """
     rig = nominal_rig(campaign)
     data = conditioned(campaign.recordings, rig)
     held = held_out(data)
@@ -248,7 +258,7 @@ def search(
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
         progress = Progress(say, within)
         try:
-            known = selected(campaign, fit_data, Timed(pool, progress), progress, scope, near)
+            known = known or selected(campaign, fit_data, Timed(pool, progress), progress, scope, near)
         except KeyboardInterrupt as interrupted:
             if progress.known is None or not (interruptible or isinstance(interrupted, OutOfTime)):
                 raise
@@ -256,6 +266,7 @@ def search(
             progress.stopped = progress.doing
         progress.stage(PROVING)
         plain, final, steps, tested = known
+        plain, final = replace(plain, pool=pool), replace(final, pool=pool)
         fitted_data = [block.data for block in final.blocks]
         if not is_fitted_to(final, fit_data):
             # a search that was ended on stretches is held against no longer ones
@@ -270,7 +281,18 @@ def search(
     share = share_explained(plain, final, proof)
     verdict = verdict_of(final, missing, proof.chi_squares, share)
     return Outcome(
-        verdict, fit_data, plain, final, missing, tested, proof, share, [], progress.stopped, refuted=refuted
+        verdict,
+        fit_data,
+        plain,
+        final,
+        missing,
+        tested,
+        proof,
+        share,
+        [],
+        progress.stopped,
+        refuted=refuted,
+        known=known,
     )
 
 

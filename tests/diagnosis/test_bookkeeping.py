@@ -182,17 +182,23 @@ def test_a_recording_that_is_too_short_once_its_label_is_right_is_left_out(monke
     assert len(outcome.unusable) == 1 and whole.name in outcome.unusable[0]
 
 
+@pytest.mark.parametrize("fits", [True, False])
 @pytest.mark.parametrize(("fitted", "back"), [(0.99, True), (1.12, False)])
-def test_a_pressure_that_the_fit_puts_back_is_searched_as_stated(monkeypatch, campaigns, fitted, back):
-    """What is missing, as friction of the indenter, had taken its recording off the line of the others."""
+def test_a_pressure_that_the_fit_puts_back_is_searched_as_stated(monkeypatch, campaigns, fitted, back, fits):
+    """What is missing, as friction of the indenter, had taken its recording off the line of the others.
+
+    Where that recording took no part in the fit, what was found stands, and is held against it alone.
+    """
     campaign = campaigns[0]
     name, true = campaign.recordings[2].name, campaign.recordings[2].setting.pressure
     corrected = Label(name, "pressure", true, 1.1 * true, 0.01)
     by_fit = [Label(name, "pressure", 1.1 * true, fitted * true, 0.01)]
     monkeypatch.setattr(drill_diagnosis, "mislabelled_pressures_by_fit", lambda _outcome: by_fit)
-    outcome: Any = SimpleNamespace(verdict="missing-physics")
+    fit_data = [SimpleNamespace(name=each.name) for each in campaign.recordings if fits or each.name != name]
+    outcome: Any = SimpleNamespace(verdict="missing-physics", fit_data=fit_data, known="what was found")
     other = drill_diagnosis.second_look(relabelled(campaign, 2, pressure=1.1 * true), [corrected], outcome)
     if back:
         assert other.labels == [] and other.campaign.recordings[2].setting.pressure == true
+        assert other.known == (None if fits else "what was found")
     else:
         assert other is None
