@@ -133,7 +133,7 @@ def accept(fitted: Fitted, family: Family, found: Fitted, dof: int, say: Say, st
 
 
 def errs_little(fitted: Fitted, gain: float) -> bool:
-    """Whether a law of a gain can leave no more than its error is worth in a fit that leaves something."""
+    """Whether a fit leaves something, and less than a law of this gain that is off by ``LAW_LEFT`` would."""
     left = fitted.cost - 0.5 * fitted.residual_dof
     return fitted.reduced_chi_square > 1.0 + LEFT and left < LAW_LEFT**2 * gain
 
@@ -255,10 +255,10 @@ def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: b
     other = with_equations(fitted, steps, say)
     if other is None and found_here:
         other = exchanged(fitted, steps, say)
-    return with_fine_law(fitted, steps, say) if other is None else other
+    return with_coarse_law_refined(fitted, steps, say) if other is None else other
 
 
-def with_fine_law(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
+def with_coarse_law_refined(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     """The fit with a law as fine as the recordings call for that was left coarse; None where none gets better."""
     for i, step in enumerate(steps):
         if not step.coarse:

@@ -646,10 +646,10 @@ def test_a_law_that_was_left_coarse_is_drawn_finer_in_the_end(monkeypatch, finer
 
     monkeypatch.setattr(steps, "identify_equation", identified)
     found = [begun]
-    assert steps.with_fine_law(fitted, found, lambda _: None) is (after if taken else None)
+    assert steps.with_coarse_law_refined(fitted, found, lambda _: None) is (after if taken else None)
     assert found[0].after is (after if taken else fitted) and not found[0].coarse
     # once is enough
-    assert steps.with_fine_law(fitted, found, lambda _: None) is None
+    assert steps.with_coarse_law_refined(fitted, found, lambda _: None) is None
 
 
 @pytest.mark.parametrize(("gain", "left", "freed"), [(60.0, 1.001, True), (40.0, 1.001, False), (40.0, 1.5, True)])
