@@ -227,6 +227,18 @@ def set_below(m: np.ndarray, d: np.ndarray, law: int, below: int) -> None:
 
 
 @njit(**INLINED)
+def bisect_pieces(m: np.ndarray, low: int, high: int, x: float) -> int:
+    """The last piece from ``low`` to before ``high`` that begins at x or below it; ``low`` where none does."""
+    while high - low > 1:
+        middle = (low + high) // 2
+        if m[PIECES_AT + middle * PIECE_COLUMNS + LEFT] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@njit(**INLINED)
 def piece_of(m: np.ndarray, d: np.ndarray, law: int, x: float) -> int:
     """Where the piece of a law begins in m that holds x, or comes nearest to it.
 
@@ -241,13 +253,7 @@ def piece_of(m: np.ndarray, d: np.ndarray, law: int, x: float) -> int:
             low = last + 1
         else:
             low, high = last, last + 1
-    if high - low > 1:
-        while high - low > 1:
-            middle = (low + high) // 2
-            if m[table + middle * PIECE_COLUMNS + LEFT] <= x:
-                low = middle
-            else:
-                high = middle
+    low = bisect_pieces(m, low, high, x)
     m[SIZE + law * LAW_COLUMNS + LAST_PIECE] = low
     return table + low * PIECE_COLUMNS
 
@@ -262,14 +268,8 @@ def look(m: np.ndarray, d: np.ndarray, law: int, x: float) -> tuple[float, float
 @njit(**INNER)
 def look_anew(m: np.ndarray, law: int, x: float) -> tuple[float, float]:
     """The same at any x, whichever corners lie below it by the discrete state."""
-    low = law_at(m, law, FIRST)
-    high = low + law_at(m, law, PIECES)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if m[PIECES_AT + middle * PIECE_COLUMNS + LEFT] <= x:
-            low = middle
-        else:
-            high = middle
+    first = law_at(m, law, FIRST)
+    low = bisect_pieces(m, first, first + law_at(m, law, PIECES), x)
     m[SIZE + law * LAW_COLUMNS + LAST_PIECE] = low
     return read_piece(m, PIECES_AT + low * PIECE_COLUMNS, x)
 
