@@ -24,9 +24,6 @@ from drillenv.dynamics.hybrid.model import Placed, assemble, law_table
 from drillenv.dynamics.hybrid.sensitivity import LAW, STATE, Columns
 from drillenv.dynamics.hybrid.shooting import Shot
 
-OWNED = ((V.MOUNT_SQUARE,), (V.AIR_RATE,), (V.DRIVE_LAG,), (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION),
-         (V.DRIVE_SLOPE,), (V.GRIP1,), (V.GRIP2,), (V.BRISTLES1,), (V.BRISTLES2,), (V.CONTACT_DAMPING,))  # fmt: skip
-"""Scalars by which an effect acts, in the order of its owners in the engine."""
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
 
@@ -151,7 +148,9 @@ def assembled(model: Model, axes: Axes, omega: float, wanted: Sequence[int] = ()
         laws += [Placed(*each, 0) for each in equation_tables(law.effect, law.form, law.parameters, k)]
     places = [law.place for law in laws]
     s[V.PULLS] = RATE_FORCE in places or RATE_FACTOR in places or s[V.CONTACT_DAMPING] != 0.0
-    s[V.BY_MOUNT : V.BY_MOUNT + len(OWNED)] = [0.0 if any(s[at] for at in each) else -1.0 for each in OWNED]
+    s[V.BY_MOUNT : V.BY_MOUNT + len(hybrid.OWNERS)] = [
+        0.0 if any(s[at] for at in scalars) else -1.0 for scalars in hybrid.OWNERS
+    ]
     s[V.EFFECTS] = 1.0
     made = assemble(s, laws)
     # the engine has the shapes of the contact first

@@ -141,8 +141,8 @@ def errs_little(fitted: Fitted, gain: float) -> bool:
 def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = False) -> Step:
     """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for.
 
-    What a law leaves that errs by little is looked for among other families before it is drawn finer, ``at_last``: with
-    those there it may follow an equation.
+    What a law leaves that errs by little, and that corners in it do not take most of, is looked for among other families
+    before it is drawn finer, ``at_last``: with those there it may follow an equation.
     """
     family, gain, found = step.family, step.gain, fitted
     if step.pending:
@@ -154,6 +154,10 @@ def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = Fals
     terms: tuple[Term, ...] = family.terms if named.equation is None else (named.equation,)
     curved = any(isinstance(each, Curve | Gain) for each in family.terms)
     coarse = curved and named.equation is None and not at_last and errs_little(found, gain)
+    if coarse:
+        sharper = drawn_sharper(replace(step, named=named, after=found), say)
+        coarse = sharper.after is found
+        step, family, found = sharper, sharper.family, sharper.after
     if coarse:
         named = named_by_law(named, found, family, gain)
     elif family.terms and (named.equation is None or other.cost > found.cost):
@@ -186,7 +190,7 @@ def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = Fals
 
 
 def drawn_sharper(step: Step, say: Say) -> Step:
-    """The same with corners in its law, or a finer law, where that takes most of what a far model leaves.
+    """The same with corners in its law, or a finer law, where that takes most of what it leaves.
 
     A law with a sharp corner leaves so much, coarsely drawn, that others would be found in its place.
     """

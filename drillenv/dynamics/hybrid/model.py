@@ -22,19 +22,19 @@ from drillenv.dynamics.hybrid.vector_field import BY_EFFECTS, OWN, Model
 from drillenv.rig import Rig, Setting
 from drillenv.rocks import Rock
 
-_OWNERS = (
-    ("mount_square",),
-    ("air_stiffness", "air_per_length"),
-    ("drive_lag",),
-    ("shaker_vibration", "indenter_vibration"),
-    ("drive_slope",),
-    ("shaker_grip",),
-    ("indenter_grip",),
-    ("shaker_bristles",),
-    ("indenter_bristles",),
-    ("contact_damping",),
+OWNERS = (
+    (V.MOUNT_SQUARE,),
+    (V.AIR_STIFFNESS, V.AIR_PER_LENGTH, V.AIR_RATE),
+    (V.DRIVE_LAG,),
+    (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION),
+    (V.DRIVE_SLOPE,),
+    (V.GRIP1,),
+    (V.GRIP2,),
+    (V.BRISTLES1,),
+    (V.BRISTLES2,),
+    (V.CONTACT_DAMPING,),
 )
-"""Which scalars, if not 0, make an effect answerable, in the order from BY_MOUNT on."""
+"""Scalars of the model of which an effect is the owner where it sets one, in the order from BY_MOUNT on."""
 LONGEST_SHARE = 0.1
 """Longest step over the excitation's period."""
 MEMORY = {
@@ -240,25 +240,24 @@ def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> 
 
 def _set_scalars(s: np.ndarray, effects: tuple[Chosen, ...]) -> None:
     """Write what effects set of the model."""
-    names = list(SCALARS)
+    at = {name: V.OMEGA + 1 + i for i, name in enumerate(SCALARS)}
     set_by: dict[str, str] = {}
-    s[V.BY_MOUNT : V.BY_MOUNT + len(_OWNERS)] = -1.0
+    s[V.BY_MOUNT : V.BY_MOUNT + len(OWNERS)] = -1.0
     for index, chosen in enumerate(effects):
         if chosen.effect.scalars is None:
             continue
-        values = chosen.effect.scalars(chosen.values)
+        values = {name: value for name, value in chosen.effect.scalars(chosen.values).items() if value != 0.0}
         for name, value in values.items():
-            if value != 0.0 and name in set_by:
+            if name in set_by:
                 raise InputError(
                     f"{set_by[name]} and {chosen.effect.name} both set the {name.replace('_', ' ')} "
                     f"({SCALARS[name]}): give one of them"
                 )
-            if value != 0.0:
-                set_by[name] = chosen.effect.name
-                s[V.OMEGA + 1 + names.index(name)] = value
-        for at, owned in enumerate(_OWNERS):
-            if any(values.get(name, 0.0) != 0.0 for name in owned):
-                s[V.BY_MOUNT + at] = index
+            set_by[name] = chosen.effect.name
+            s[at[name]] = value
+        for i, scalars in enumerate(OWNERS):
+            if any(at[name] in scalars for name in values):
+                s[V.BY_MOUNT + i] = index
 
 
 def _flat_laws(laws: Sequence[Placed]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
