@@ -55,6 +55,11 @@ class Sinusoid(Term):
         """It acts by waves alone."""
         return False
 
+    @property
+    def partly_own(self) -> bool:
+        """Of no amplitude, where it is tested, the frequency that recordings have in common shows nothing."""
+        return False
+
     def amplitudes(self, values: Floats, point: OperatingPoint) -> Floats:
         """(channels, 2) sine and cosine; 0 in a recording that it says nothing of."""
         if point.name not in self.recordings:

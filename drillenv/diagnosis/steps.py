@@ -141,8 +141,8 @@ def errs_little(fitted: Fitted, gain: float) -> bool:
 def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = False) -> Step:
     """A step with the equation that its law follows in a fit, or with as fine a law as the recordings call for.
 
-    What a law leaves that errs by little, and that corners in it do not take most of, is looked for among other families
-    before it is drawn finer, ``at_last``: with those there it may follow an equation.
+    What a law that errs by little leaves, and corners in it do not take, is looked for among other families before it
+    is drawn finer, ``at_last``: with those there it may follow an equation.
     """
     family, gain, found = step.family, step.gain, fitted
     if step.pending:

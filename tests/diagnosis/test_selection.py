@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drillenv.diagnosis import naming, resolution, selection, steps
+from drillenv.diagnosis import naming, resolution, selection, sinusoids, steps
 from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty
@@ -601,30 +601,36 @@ def test_a_coarse_law_of_a_far_model_is_drawn_sharper_where_that_takes_most(monk
 
 
 @pytest.mark.parametrize(
-    ("chi_square", "gain", "at_last", "coarse"),
+    ("chi_square", "gain", "at_last", "with_corners", "coarse"),
     [
-        (1.5, 2e6, False, True),  # what is left is less than a tenth of the law is worth
-        (1.5, 2e5, False, False),
-        (1.5, 2e6, True, False),
-        (1.03, 2e6, False, False),  # nothing is left that others could explain
+        (1.5, 2e6, False, 1.3, True),  # what is left is less than a tenth of the law is worth
+        (1.5, 2e6, False, 1.2, False),  # but corners take most of it
+        (1.5, 2e5, False, 1.3, False),
+        (1.5, 2e6, True, 1.3, False),
+        (1.03, 2e6, False, 1.03, False),  # nothing is left that others could explain
     ],
 )
 def test_a_law_that_errs_by_little_is_not_drawn_finer_before_others_are_looked_for(
-    monkeypatch, chi_square, gain, at_last, coarse
+    monkeypatch, chi_square, gain, at_last, with_corners, coarse
 ):
     curve, drawn = Curve("spring", ()), []  # type: ignore[arg-type]
     structure: Any = Fake(rig=Fake(noise_left=lambda _: (), axes_at=lambda _: None), current=lambda terms: terms)
-    found: Any = Fake(
-        reduced_chi_square=chi_square, cost=chi_square * SAMPLES / 2, residual_dof=SAMPLES, samples=SAMPLES, noise=(),
-        structure=structure, fit=Fake(shared=np.zeros(3)),
-    )  # fmt: skip
-    found.refit = lambda *_, **__: found
+
+    def fit(chi_square: float) -> Any:
+        return Fake(
+            reduced_chi_square=chi_square, cost=chi_square * SAMPLES / 2, residual_dof=SAMPLES, samples=SAMPLES,
+            noise=(), structure=structure, fit=Fake(shared=np.zeros(3)), refit=lambda *_, **__: found,
+        )  # fmt: skip
+
+    found, sharper = fit(chi_square), fit(with_corners)
     tried = Tried(Term("equation", ()), np.zeros(0), 0.4 * gain)
     monkeypatch.setattr(steps, "name_law", lambda *_: (Named("spring", None, (tried,)), found))
     monkeypatch.setattr(steps, "named_by_law", lambda named, *_: named)
     monkeypatch.setattr(steps, "refined", lambda fitted, _family: drawn.append(fitted) or fitted)
     monkeypatch.setattr(steps, "corrected_equation", lambda *_: (found, (curve,)))
     monkeypatch.setattr(steps, "on_axes", lambda structure, axes: structure)
+    monkeypatch.setattr(steps, "with_corners", lambda *_: sharper)
+    monkeypatch.setattr(steps, "with_detail", lambda *_: found)
     family: Any = replace(families(FLAT, [60.0, 90.0])[0], terms=(curve,))
     begun = steps.Step(family, gain, 8, SAMPLES, found, Named("spring", None), (curve,), [], pending=True)
     ended = steps.identify_equation(found, begun, lambda _: None, at_last)
@@ -687,6 +693,8 @@ def test_what_stands_beside_each_recordings_own_has_to_gain_where_it_was_not_fit
     assert {name for name, each in found.items() if each.partly_own} == {"high-pass"}
     score = Score(found["high-pass"], 100.0, 18, 0.0, 1.0)
     assert not score.confirmed and score._replace(cross_validated=10.0).confirmed
-    for name in ("offset", "lag of each recording", "load cell"):
+    # a wave of no amplitude, where it is tested, shows nothing of the frequency that recordings have in common
+    found["vibration"] = sinusoids.family(sinusoids.KINDS[0], 34.0, ["r01", "r02"], np.array([33.5, 34.0]))
+    for name in ("offset", "lag of each recording", "load cell", "vibration"):
         assert score._replace(family=found[name]).confirmed
         assert not score._replace(family=found[name], cross_validated=-10.0).confirmed
