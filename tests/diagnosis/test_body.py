@@ -280,6 +280,7 @@ def test_a_mechanism_is_named_with_its_strength(mechanism, kind, put_in):
     check_named(mechanism, kind, put_in, 0.05, 7)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mechanism", "kind", "put_in"), [each for each in MECHANISMS if each[2] not in (_viscous, _limit, _late)]
@@ -301,6 +302,7 @@ def test_two_at_once():
     assert found["viscous-damping"]["d"]["value"] == pytest.approx(made.truth["damping"], rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_intervals_hold_the_true_strength():
     inside = []

@@ -21,8 +21,8 @@ FOUND = sorted(
     | {each.effect for each in textbook_sensors(["r"], 25600.0)}
 )
 SEED = 7
-QUICK = ("accelerometer-lowpass", "air-spring", "contact-toe", "load-cell-inertia", "mains-hum", "sensor-offset")
-"""The others take a minute or more each."""
+QUICK = ("accelerometer-lowpass", "contact-toe")
+"""Of a sensor and of the rock: a trial has the others as well."""
 SITE = Site(drive=600.0, frequency=110.0)
 """N and Hz: about the most that these campaigns ask of the drive, for strengths that are drawn in proportion."""
 SURE = 3.0
@@ -61,6 +61,7 @@ def test_mechanism_is_found(name):
         assert abs(off) < SURE * found["std"], symbol
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mechanism", "equation", "stated", "true"),
@@ -82,7 +83,7 @@ def test_an_equation_over_another_argument_than_time_or_impacts_is_found(mechani
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["channel-delay", "sensor-offset"])
+@pytest.mark.parametrize("name", [pytest.param("channel-delay", marks=pytest.mark.thorough), "sensor-offset"])
 def test_what_is_another_in_each_recording_is_said_of_each(name):
     """Those that were held out as well: of a few recordings their mean would be another."""
     rng = np.random.default_rng([SEED, *name.encode()])
@@ -112,6 +113,7 @@ def test_a_drive_limited_to_half_of_what_it_asks_for_is_no_weak_drive():
     assert "drive_gain" not in report.record["parameters"]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_what_acts_on_the_shaker_is_seen_beside_what_shows_everywhere():
     """No window on its own says anything of such a damper; a fit whose windows are joined by force names it."""
@@ -154,6 +156,7 @@ def test_a_light_mount_that_rings_long_is_found():
     assert report.record["fit"]["fitted"]["after"] < 1.03
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_dry_friction_of_the_indenter_is_found_to_a_hundredth():
     """The model rounds what sticks, over millimetres a second at most."""

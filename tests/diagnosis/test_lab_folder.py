@@ -55,7 +55,7 @@ def running(campaign, count):
 
 
 @pytest.mark.slow
-def test_lost_samples_a_pre_trigger_and_a_dead_channel(campaign):
+def test_lost_samples_a_pre_trigger_a_dead_channel_and_a_recording_too_short(campaign):
     rng = np.random.default_rng(1)
 
     def with_pre_trigger(name, samples):
@@ -65,6 +65,7 @@ def test_lost_samples_a_pre_trigger_and_a_dead_channel(campaign):
 
     messy = changed(campaign, "r03", lambda _name, samples: np.delete(samples, slice(3000, 3037)))
     messy = changed(messy, "r02", with_pre_trigger)
+    messy = changed(messy, "r04", lambda _name, samples: samples[:600])
     first = messy.recordings[0]
     dead = {**first.channels, "position": Channel(np.zeros(first.size), "m", "position")}
     messy = replace(messy, recordings=(replace(first, channels=dead), *messy.recordings[1:]))
@@ -72,6 +73,7 @@ def test_lost_samples_a_pre_trigger_and_a_dead_channel(campaign):
     assert named(report) == ["contact-rate"]
     said = " ".join(report.record["remarks"])
     assert "r03: used are" in said and "r02: used are 0.049" in said and "r01: its position is left out" in said
+    assert any(each.startswith("r04: ") and each.endswith("it is left out.") for each in report.record["remarks"])
     assert report.record["bookkeeping"] == []
 
 
@@ -110,7 +112,7 @@ def test_recordings_without_any_noise(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.thorough), 4])
 def test_few_recordings_say_what_they_cannot_prove(campaign, count):
     report = diagnose(running(campaign, count))
     assert named(report) == ["contact-rate"]
@@ -186,14 +188,6 @@ def test_charges_of_a_coupling_without_a_corner_are_offsets(tmp_path):
     assert found.mechanism == "sensor-offset" and found.equation is not None
     values = other.values_of(found.equation.name).reshape(-1, 2)
     np.testing.assert_allclose(values, [*zeros.values()], atol=0.4)
-
-
-@pytest.mark.slow
-def test_a_recording_too_short_is_left_out(campaign):
-    short = changed(campaign, "r04", lambda _name, samples: samples[:600])
-    report = diagnose(short)
-    assert named(report) == ["contact-rate"]
-    assert any(each.startswith("r04: ") and each.endswith("it is left out.") for each in report.record["remarks"])
 
 
 def test_where_all_are_too_short_each_says_why(campaign):

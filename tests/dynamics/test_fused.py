@@ -40,6 +40,7 @@ print(seen.hexdigest())
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_fresh_from_the_compiler_as_out_of_the_cache(tmp_path):
     """Two seconds after the rounding of one kernel differs, random settings on a chaotic rig show it."""

@@ -112,6 +112,7 @@ def test_five_hundred_random_episodes():
     assert sweep(np.random.default_rng(7), 500) >= 500
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_ten_thousand_random_episodes():
     """Once warmed up, 10,000 episodes leave no memory behind: Python's own to 0.5 MB, the process' to 30 MB."""

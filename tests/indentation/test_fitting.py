@@ -8,6 +8,7 @@ from drillenv.indentation import Curve
 from tests.indentation.made import Made, drawn
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_true_laws_lie_in_their_intervals():
     hits = {symbol: [] for symbol in ("k_l", "k_u", "n_l", "n_u")}

@@ -50,7 +50,7 @@ def test_scipy_agrees_with_heyoka(rig, setting):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("setting", LONG)
+@pytest.mark.parametrize("setting", [LONG[0], *(pytest.param(each, marks=pytest.mark.thorough) for each in LONG[1:])])
 def test_scipy_agrees_with_heyoka_for_500_periods(rig, setting):
     problem = problem_of(setting)
     assert_close(scipy_rig.simulate(problem, 500), rig.run(problem, 500), 1e-14, 1e-12)
