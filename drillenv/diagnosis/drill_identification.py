@@ -48,7 +48,7 @@ NUMBERS_OF_GROUP = {
     "mount": ("mount_gain", "mount_square", "mount_damping", "bed_share", "bed_square", "bed_damping"),
     "contact speed": ("contact_damping", "contact_damping_power"),
     "compaction": ("compaction_length",),
-    "drive slope": ("drive_slope", "drive_slope_share", "drive_delay"),
+    "slew rate": ("slew_rate", "slew_share", "drive_delay"),
 }
 """Numbers of the model that equations of a group may set."""
 USUAL_SHARE = 0.5

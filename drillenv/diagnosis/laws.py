@@ -47,7 +47,7 @@ LEAST = 1e-9
 """Range in m or m/s of an axis over what does not move: of a mount that is not there."""
 LOGARITHMS = (LOADING, UNLOADING)
 """Places whose tables hold the logarithm of a factor."""
-PARTS_WITH_NUMBERS = ("mount", "bed", "air", "contact_damping", "compaction", "drive_slope", "drive_delay")
+PARTS_WITH_NUMBERS = ("mount", "bed", "air", "contact_damping", "compaction", "slew", "drive_delay")
 NUMBERS = {name: at for name, at in V.SCALAR_AT.items() if name.startswith(PARTS_WITH_NUMBERS) or "bristle" in name}
 """Places of the numbers that equations set and no curve shows, by their names."""
 NOTHING = 1e-5
@@ -184,15 +184,15 @@ class Air(Term):
 
 
 @dataclass(frozen=True)
-class SlopeLimit(Term):
-    """A drive of limited slope: share of the drive, logarithm of its slope in N/s, and its delay in s."""
+class SlewRateLimit(Term):
+    """A drive of limited slew rate: share of the drive, logarithm of that in N/s, and its delay in s."""
 
     has_states = True
 
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
         """Limit the slope."""
-        model.s[V.DRIVE_SLOPE_SHARE] += values[0]
-        model.s[V.DRIVE_SLOPE] = math.exp(values[1])
+        model.s[V.SLEW_SHARE] += values[0]
+        model.s[V.SLEW_RATE] = math.exp(values[1])
         model.s[V.DRIVE_DELAY] = values[2]
 
 
@@ -494,7 +494,7 @@ def families(axes: Axes, frequencies: Sequence[float], detail: int = 1) -> list[
     known_as = {"spring": mechanism_of_law(HARDENING)}
     acting = [replace(each, known_as=known_as.get(each.name, "")) for each in acting]
     steepest = axes.scale[DRIVE] / EVEN * TWO_PI * max(frequencies)
-    remembering = [*_remembering(), *_slope_limits(steepest), *_presliding()]
+    remembering = [*_remembering(), *_slew_rate_limits(steepest), *_presliding()]
     return [*acting, _droop(frequencies), *remembering, replace(mounting, group="mount")]
 
 
@@ -533,19 +533,19 @@ def _remembering() -> list[Family]:
     return found
 
 
-SLOPES = (0.45, 0.65, 0.9)
+SLEW_RATES = (0.45, 0.65, 0.9)
 """Shares of the steepest slope that is asked of the drive, from which on a limit of it is looked for."""
 
 
-def _slope_limits(steepest: float) -> list[Family]:
+def _slew_rate_limits(steepest: float) -> list[Family]:
     """Families of a drive whose force changes no faster than by a slope, in N/s, where so much is asked of it."""
     found = []
-    for share in SLOPES:
+    for share in SLEW_RATES:
         size = Unknown("share", 0.0, 0.1, low=0.0, high=1.5)
         low, high = math.log(0.1 * steepest), math.log(steepest)
-        slope = Unknown("logarithm of the slope", math.log(share * steepest), 0.05, low=low, high=high)
+        rate = Unknown("logarithm of the slew rate", math.log(share * steepest), 0.05, low=low, high=high)
         delay = Unknown("delay", 0.0, 2e-5, low=0.0, high=LONGEST_DELAY, unit="s")
-        found.append(Family(f"drive slope {share:g}", "drive slope", (SlopeLimit("slope", (size, slope, delay)),)))
+        found.append(Family(f"slew rate {share:g}", "slew rate", (SlewRateLimit("slew rate", (size, rate, delay)),)))
     return found
 
 
@@ -616,7 +616,7 @@ def same_force(family: Family, other: Family) -> bool:
 
 
 def _place_of(term: Term) -> int | None:
-    if isinstance(term, Gain | SlopeLimit):
+    if isinstance(term, Gain | SlewRateLimit):
         return DRIVE
     return term.place if isinstance(term, Curve) else None
 

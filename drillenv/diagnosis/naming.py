@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -130,6 +131,16 @@ def from_reduced_model(
         say(f"  {equation.name} from the reduced model: worse by {other.cost - fitted.cost:.1f}")
         found.append((equation, other if other.cost > fitted.cost + 0.5 * (base.cost - fitted.cost) else other.refit()))
     return found
+
+
+def criterion_by_law(fitted: Fitted, family: Family) -> float:
+    """Negative log-likelihood, with the penalty on its parameters, of the equation nearest to a law of curves.
+
+    By the quadratic about the law's fit; infinite where the library has none for it.
+    """
+    rivals = fitted.structure.rig.rivals(fitted, family)
+    worse = (each.worse + penalty(len(each.equation.unknowns), fitted) for each in rivals)
+    return fitted.cost + min(worse, default=math.inf)
 
 
 def is_special_case(simpler: Term, equation: Term) -> bool:

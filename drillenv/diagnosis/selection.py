@@ -18,8 +18,8 @@ from drillenv.diagnosis.fitting import (
     tighten_continuity,
     with_continuity_relaxed,
 )
-from drillenv.diagnosis.laws import Family
-from drillenv.diagnosis.naming import with_more, without
+from drillenv.diagnosis.laws import Curve, Family
+from drillenv.diagnosis.naming import criterion_by_law, with_more, without
 from drillenv.diagnosis.score_tests import Score, ScoreTests, score_tests
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.steps import (
@@ -179,6 +179,7 @@ def forward(
         if step is not None:
             add_step(steps, step)
             fitted = step.after
+            corrected_by_parts(fitted, steps, step, say)
             keep(fitted, copied(steps), ScoreTests(scores, level))
             continue
         other = with_laws_changed(fitted, steps, say, earlier is None)
@@ -192,6 +193,23 @@ def forward(
         # what is left out may have taken up a part of another family, beside all that was tested so far
         left_out |= {each.family.name for each in steps} - {each.family.name for each in kept}
         steps, possible = kept, None
+
+
+def corrected_by_parts(fitted: Fitted, steps: Sequence[Step], step: Step, say: Say) -> None:
+    """Let earlier steps whose laws are parts of a measured law that was added correct that, where it explains more.
+
+    Added after them, it had only what they left to explain; by a Wald test, they explain what it leaves.
+    """
+    rig = fitted.structure.rig
+    if step.named.equation is not None or step.corrects:
+        return
+    for each in mechanisms_of(steps):
+        if each.family.group == step.family.group or not rig.contains(step.family, each.family):
+            continue
+        own = wald_gain(fitted, each)
+        if own < step.gain_in(fitted) + each.gain_in(fitted) - own:
+            say(f"  {each.family.name} corrects {step.family.name}")
+            each.corrects = True
 
 
 def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
@@ -306,12 +324,35 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
     fits = [(each, other) for each, other in fits if is_material(each.family, other)]
     if not fits:
         return None
+    fits = by_nearest_equations(fits, fitted)
     best, found = fits[0]
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
     step = accept(fitted, best.family, found, best.size, say, steps)
     step.rivals = [(each.family, other.cost - found.cost) for each, other in fits[1:]]
     return step
+
+
+def by_nearest_equations(fits: Fits, fitted: Fitted) -> Fits:
+    """The same, but of families that explain alike the one first whose law is nearer to one of its equations.
+
+    Free laws of two forces may follow the same motion, where an equation, which has fewer parameters, tells them apart.
+    """
+    best = penalised(*fits[0], fitted)
+
+    def is_alike(score: Score, other: Fitted) -> bool:
+        curved = any(isinstance(term, Curve) for term in score.family.terms)
+        return curved and penalised(score, other, fitted) < best + penalty(score.size - 1, fitted)
+
+    alike = [pair for pair in fits if is_alike(*pair)]
+    if len(alike) < 2 or fits[0] is not alike[0]:
+        return fits
+    criteria = {
+        score.family.name: min(penalised(score, other, fitted), criterion_by_law(other, score.family))
+        for score, other in alike
+    }
+    alike.sort(key=lambda pair: criteria[pair[0].family.name])
+    return [*alike, *(pair for pair in fits if all(pair is not each for each in alike))]
 
 
 def is_material(family: Family, fitted: Fitted) -> bool:

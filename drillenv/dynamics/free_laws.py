@@ -31,7 +31,7 @@ FREE_LAWS: Mapping[str, str] = MappingProxyType(
         "vibration": "forces on shaker body and indenter at a frequency of their own",
         "waveform": "force of the drive over the phase of the excitation",
         "drive": "force of the drive over the force asked of it",
-        "drive slope": "force of the drive that changes no faster than by a slope, whatever is asked of it",
+        "slew rate": "force of the drive that changes no faster than by a slope, whatever is asked of it",
         "drive gain": "gain and phase of the drive over the frequency of the excitation",
         "air": "force of the cylinder that falls as the piston advances, and recovers",
         # of sensors

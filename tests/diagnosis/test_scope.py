@@ -39,7 +39,7 @@ EVERY = [*families(AXES, [60.0, 80.0, 110.0]), *sensor_families(["r01"], 12e3)]
         ("shaker", {"guide", "air"}),
         ("damper", {"damper"}),
         ("accelerometer-lowpass", {ACCELEROMETER}),
-        ("force-limit", {"drive", "drive slope", "spring"}),  # the drive's, and a spring's that saturates
+        ("force-limit", {"drive", "slew rate", "spring"}),  # the drive's, and a spring's that saturates
     ],
 )
 def test_families_of_a_scope(only, groups):

@@ -698,3 +698,38 @@ def test_what_stands_beside_each_recordings_own_has_to_gain_where_it_was_not_fit
     for name in ("offset", "lag of each recording", "load cell", "vibration"):
         assert score._replace(family=found[name]).confirmed
         assert not score._replace(family=found[name], cross_validated=-10.0).confirmed
+
+
+@pytest.mark.parametrize(
+    ("costs", "worse", "first"),
+    [
+        ((900.0, 905.0), (300.0, 1.0), "damper"),  # alike as free laws, and one of them is the library's
+        ((900.0, 905.0), (300.0, 300.0), "indenter"),  # neither is
+        ((900.0, 905.0), (0.0, 1.0), "indenter"),  # both are
+        ((900.0, 990.0), (300.0, 1.0), "indenter"),  # what fewer parameters are worth is less than one is ahead
+    ],
+)
+def test_of_laws_that_explain_alike_the_one_nearer_to_an_equation_comes_first(costs, worse, first):
+    unknown = Unknown("size", 0.0, 1.0)
+    laws = {"indenter": worse[0], "damper": worse[1]}
+    rig = Fake(rivals=lambda _fitted, family: [Rival(Term("equation", (unknown,)), [], laws[family.name])])
+    fits: Any = [
+        (
+            Score(Fake(name=name, terms=(Curve(name, ()),), has_states=False), 1e4, 8, 0.0, 1e4),  # type: ignore[arg-type]
+            Fake(cost=cost, samples=SAMPLES, structure=Fake(rig=rig)),
+        )
+        for name, cost in zip(laws, costs, strict=True)
+    ]
+    found = selection.by_nearest_equations(fits, fit(2.0))
+    assert [score.family.name for score, _ in found] == sorted(laws, key=lambda name: name != first)
+
+
+@pytest.mark.parametrize(
+    ("own", "equation", "corrects"), [(90.0, None, True), (190.0, None, False), (90.0, "x", False)]
+)
+def test_a_part_of_a_law_that_is_found_later_corrects_it_where_that_explains_more(monkeypatch, own, equation, corrects):
+    """Offsets of each recording, found before coupled channels whose charges leave them: 100 each, together 200."""
+    monkeypatch.setattr(selection, "wald_gain", lambda *_: own)
+    part, other, law = step("lag", 100.0, None), step("damper", 100.0, None), step("response", 100.0, equation)
+    selection.corrected_by_parts(fit(1.2), [part, other, law], law, lambda _: None)
+    assert part.corrects == corrects and not other.corrects and not law.corrects

@@ -145,10 +145,10 @@ SCALARS: Mapping[str, str] = {
     "bed_square": "1/s^2, q_b: its natural frequency, squared",
     "bed_damping": "1/s, d_b",
     "compaction_length": "m drilled on a face that count as one impact on it; where 0, impacts are counted",
-    "drive_slope": "N/s, largest slope of the drive's force",
-    "drive_slope_share": "1, share of the drive's force that it limits",
+    "slew_rate": "N/s, slew rate of the drive: largest slope of its force",
+    "slew_share": "1, share of the drive's force that it limits",
     "drive_delay": "s, by which that share is late",
 }
 """What an effect may set that is no curve, with its unit; 0 where no effect sets it."""
-STATE_SCALARS = frozenset({"mount_square", "air_rate", "shaker_bristles", "indenter_bristles", "drive_slope"})
+STATE_SCALARS = frozenset({"mount_square", "air_rate", "shaker_bristles", "indenter_bristles", "slew_rate"})
 """Those that give a model states of its own where they are set."""

@@ -27,7 +27,7 @@ def _spring_law(shortening, p, stiffness):
 
 def _scalars(p):
     limited = p[2] < STEEPEST
-    return {"drive_slope": p[2], "drive_slope_share": 1.0, "drive_delay": p[3]} if limited else {}
+    return {"slew_rate": p[2], "slew_share": 1.0, "drive_delay": p[3]} if limited else {}
 
 
 EFFECT = Effect(
@@ -63,5 +63,5 @@ EFFECT = Effect(
         Form("clipped", ("F_max",), ((0.5,), (0.7,), (0.9,))),
         Form("clipped spring", ("F_s",), ((0.3,), (0.5,), (0.8,))),
     ),
-    free_laws=("drive", "drive slope", "saturating spring"),
+    free_laws=("drive", "slew rate", "saturating spring"),
 )

@@ -17,7 +17,6 @@ from drillenv.dynamics.constitutive.places import WAVEFORM
 from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
-from drillenv.dynamics.hybrid.drive_slope import drive_on, follow_or_ramp
 from drillenv.dynamics.hybrid.events import (
     CORNER,
     CUTTING,
@@ -58,6 +57,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     step,
     step_error,
 )
+from drillenv.dynamics.hybrid.slew_rate import drive_on, follow_or_ramp
 from drillenv.dynamics.hybrid.vector_field import (
     BRISTLES1,
     BY_SLOPE,

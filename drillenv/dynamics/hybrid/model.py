@@ -27,7 +27,7 @@ OWNERS = (
     (V.AIR_STIFFNESS, V.AIR_PER_LENGTH, V.AIR_RATE),
     (V.DRIVE_LAG,),
     (V.SHAKER_VIBRATION, V.INDENTER_VIBRATION),
-    (V.DRIVE_SLOPE,),
+    (V.SLEW_RATE,),
     (V.GRIP1,),
     (V.GRIP2,),
     (V.BRISTLES1,),
@@ -240,7 +240,6 @@ def assemble(s: np.ndarray, laws: Sequence[Placed], terms: Terms = NO_TERMS) -> 
 
 def _set_scalars(s: np.ndarray, effects: tuple[Chosen, ...]) -> None:
     """Write what effects set of the model."""
-    at = {name: V.OMEGA + 1 + i for i, name in enumerate(SCALARS)}
     set_by: dict[str, str] = {}
     s[V.BY_MOUNT : V.BY_MOUNT + len(OWNERS)] = -1.0
     for index, chosen in enumerate(effects):
@@ -254,9 +253,9 @@ def _set_scalars(s: np.ndarray, effects: tuple[Chosen, ...]) -> None:
                     f"({SCALARS[name]}): give one of them"
                 )
             set_by[name] = chosen.effect.name
-            s[at[name]] = value
+            s[V.SCALAR_AT[name]] = value
         for i, scalars in enumerate(OWNERS):
-            if any(at[name] in scalars for name in values):
+            if any(V.SCALAR_AT[name] in scalars for name in values):
                 s[V.BY_MOUNT + i] = index
 
 

@@ -44,7 +44,6 @@ from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import WENT_ON, advance, prepare
-from drillenv.dynamics.hybrid.drive_slope import BESIDE
 from drillenv.dynamics.hybrid.model import Model
 from drillenv.dynamics.hybrid.runge_kutta import (
     BEGIN,
@@ -62,6 +61,7 @@ from drillenv.dynamics.hybrid.runge_kutta import (
     follow,
     inside_one,
 )
+from drillenv.dynamics.hybrid.slew_rate import BESIDE
 from drillenv.dynamics.hybrid.vector_field import (
     AIR_PER_LENGTH,
     AIR_RATE,
@@ -82,8 +82,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     CUT,
     DRIVE_DELAY,
     DRIVE_LAG,
-    DRIVE_SLOPE,
-    DRIVE_SLOPE_SHARE,
     F_A,
     F_B,
     FIRST,
@@ -116,6 +114,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     SCALE,
     SIZE,
     SIZES_AT,
+    SLEW_RATE,
+    SLEW_SHARE,
     SLEWING,
     SLIDE1,
     SLIDING1,
@@ -260,7 +260,7 @@ class Variation(NamedTuple):
     drilled: np.ndarray
     """(columns,) derivative of what was drilled on this face."""
     driven: np.ndarray
-    """(columns,) derivative of the force that a drive of limited slope ramps from."""
+    """(columns,) derivative of the force that a drive of limited slew rate ramps from."""
     late: np.ndarray
     """(LINEAR,) of the force that it follows."""
     late_at: np.ndarray
@@ -677,7 +677,7 @@ def by_asked(m: np.ndarray, columns: Columns, c: int, at: np.ndarray, lin: np.nd
 
 @njit(**INNER)
 def linearise_late(m: np.ndarray, theta: float, work: Variation) -> None:
-    """The derivatives of what a drive of limited slope follows at a phase of the excitation: it is late."""
+    """The derivatives of what a drive of limited slew rate follows at a phase of the excitation: it is late."""
     linearise_drive(m, work.lin[0], work.lin[0], theta - m[OMEGA] * m[DRIVE_DELAY], YES, work.late_at, work.late)
 
 
@@ -690,7 +690,7 @@ def by_late(m: np.ndarray, columns: Columns, c: int, work: Variation) -> float:
 
 @njit(**INNER)
 def slope_forcings(m: np.ndarray, d: np.ndarray, shift: float, columns: Columns, work: Variation, k: int) -> None:
-    """Add to the forcings by what a drive of limited slope changes, beside what is asked of it."""
+    """Add to the forcings by what a drive of limited slew rate changes, beside what is asked of it."""
     apart()
     theta, lin, force = d[THETA] + m[OMEGA] * shift, work.lin[k], work.force[k]
     ramps, lost = d[SLEWING] != 0.0, drive_lost(m, d, shift, theta)
@@ -699,10 +699,10 @@ def slope_forcings(m: np.ndarray, d: np.ndarray, shift: float, columns: Columns,
         linearise_late(m, theta + (BESIDE if k == 0 else -BESIDE if k == LAST else 0.0), work)
     for c in range(columns.kind.size):
         more = work.driven[c] if ramps else by_late(m, columns, c, work)
-        if ramps and columns.kind[c] == DRIVE_SLOPE:
+        if ramps and columns.kind[c] == SLEW_RATE:
             more += d[SLEWING] * shift
-        more = m[DRIVE_SLOPE_SHARE] * (more - by_asked(m, columns, c, work.at, lin))
-        if columns.kind[c] == DRIVE_SLOPE_SHARE:
+        more = m[SLEW_SHARE] * (more - by_asked(m, columns, c, work.at, lin))
+        if columns.kind[c] == SLEW_SHARE:
             more += lost
         force[BY_V2, c] += more / m[M2]
 
@@ -716,7 +716,7 @@ def vary_drive(m: np.ndarray, before: np.ndarray, d: np.ndarray, columns: Column
     apart()
     one, two = before[SLEWING], d[SLEWING]
     for c in range(columns.kind.size):
-        if columns.kind[c] == DRIVE_SLOPE:
+        if columns.kind[c] == SLEW_RATE:
             work.driven[c] += one * (d[TIME] - before[TIME])
     if one == two or two == 0.0:
         return
@@ -727,8 +727,8 @@ def vary_drive(m: np.ndarray, before: np.ndarray, d: np.ndarray, columns: Column
     steep = work.late[BY_PHASE] * m[OMEGA]
     for c in range(columns.kind.size):
         asked = by_late(m, columns, c, work)
-        later = -(work.driven[c] - asked) / (one * m[DRIVE_SLOPE] - steep)
-        work.driven[c] = asked + (steep - two * m[DRIVE_SLOPE]) * later
+        later = -(work.driven[c] - asked) / (one * m[SLEW_RATE] - steep)
+        work.driven[c] = asked + (steep - two * m[SLEW_RATE]) * later
 
 
 @njit(**INNER)
@@ -745,11 +745,11 @@ def begin_ramp(m: np.ndarray, d: np.ndarray, columns: Columns, work: Variation) 
         work.driven[c] = by_late(m, columns, c, work)
     linearise_late(m, d[THETA] + BESIDE, work)
     jump = work.late[BY_PHASE] * m[OMEGA] - steep
-    if abs(jump) < JUMP * m[DRIVE_SLOPE]:
+    if abs(jump) < JUMP * m[SLEW_RATE]:
         return
     for c in range(columns.kind.size):
         later = -(by_late(m, columns, c, work) - work.driven[c]) / jump
-        work.driven[c] += (steep - d[SLEWING] * m[DRIVE_SLOPE]) * later
+        work.driven[c] += (steep - d[SLEWING] * m[SLEW_RATE]) * later
 
 
 @njit(**INNER)

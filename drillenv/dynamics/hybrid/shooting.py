@@ -19,7 +19,6 @@ from drillenv.dynamics.flow import FREE
 from drillenv.dynamics.flow import LOADING as ON_LOADING
 from drillenv.dynamics.flow import UNLOADING as ON_UNLOADING
 from drillenv.dynamics.hybrid.advance import STEPS_TOO_SHORT, SWITCHES_TOO_DENSE, WENT_ON, advance, prepare
-from drillenv.dynamics.hybrid.drive_slope import asked_late, drive_on, follow_or_ramp
 from drillenv.dynamics.hybrid.events import set_factor
 from drillenv.dynamics.hybrid.model import Model, fresh_motion, model_for
 from drillenv.dynamics.hybrid.runge_kutta import (
@@ -58,6 +57,7 @@ from drillenv.dynamics.hybrid.sensitivity import (
     vary_drive,
     vary_step,
 )
+from drillenv.dynamics.hybrid.slew_rate import asked_late, drive_on, follow_or_ramp
 from drillenv.dynamics.hybrid.vector_field import (
     BY_SLOPE,
     COUNT,
@@ -198,14 +198,14 @@ def begin_window(
 
 
 TURNS_BEFORE = 12
-"""Turns of the excitation in which a drive of limited slope settles before a recording of a rig that was running."""
+"""Turns of the excitation in which a drive of limited slew rate settles before recordings of a rig that was running."""
 
 
 @njit(**INNER)
 def begin_drive(
     m: np.ndarray, d: np.ndarray, running: bool, columns: Columns, work: Variation, scratch: np.ndarray
 ) -> None:
-    """Give a drive of limited slope the force that it has settled to by now; none where the rig was not running."""
+    """Give a drive of limited slew rate the force that it has settled to by now; none where the rig was not running."""
     apart()
     time, theta, left = d[TIME], d[THETA], TURNS_BEFORE * TURN / m[OMEGA]
     d[SLEWING], d[DRIVEN] = 0.0, 0.0

@@ -16,13 +16,13 @@ from drillenv.dynamics.constitutive.places import DRIVE, WAVEFORM
 from drillenv.dynamics.hybrid.vector_field import (
     CORNER_COUNT,
     DRIVE_DELAY,
-    DRIVE_SLOPE,
     DRIVEN,
     F_A,
     FIRST_CORNER,
     LAWS,
     OMEGA,
     PLACE,
+    SLEW_RATE,
     SLEWING,
     SLEWING_LEFT,
     THETA,
@@ -57,8 +57,8 @@ def beyond(m: np.ndarray, d: np.ndarray, s: float) -> float:
     """By how much a drive that follows is asked to be too steep in s s, in N/s; by how much a ramp is past, in N."""
     asked, steep = asked_late(m, d[THETA] + m[OMEGA] * s)
     if d[SLEWING] == 0.0:
-        return abs(steep) - m[DRIVE_SLOPE]
-    return d[SLEWING] * (d[DRIVEN] - asked) + m[DRIVE_SLOPE] * s
+        return abs(steep) - m[SLEW_RATE]
+    return d[SLEWING] * (d[DRIVEN] - asked) + m[SLEW_RATE] * s
 
 
 @njit(**INNER)
@@ -115,7 +115,7 @@ def follow_or_ramp(m: np.ndarray, d: np.ndarray) -> None:
         # how steep it is about to be asked to be
         steep = asked_late(m, d[THETA] + BESIDE)[1]
         d[DRIVEN], d[SLEWING] = asked, 0.0
-        if abs(steep) > m[DRIVE_SLOPE]:
+        if abs(steep) > m[SLEW_RATE]:
             d[SLEWING] = math.copysign(1.0, steep)
     else:
         d[SLEWING] = -math.copysign(1.0, gap)
@@ -128,5 +128,5 @@ def drive_on(m: np.ndarray, d: np.ndarray, s: float) -> None:
     if d[SLEWING] == 0.0:
         d[DRIVEN] = asked_late(m, d[THETA])[0]
     else:
-        d[DRIVEN] += d[SLEWING] * m[DRIVE_SLOPE] * s
+        d[DRIVEN] += d[SLEWING] * m[SLEW_RATE] * s
     d[SLEWING_LEFT] -= s

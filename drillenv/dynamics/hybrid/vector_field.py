@@ -86,9 +86,9 @@ excitation; time since the start in s; the origin in m and the rounding it owes;
 while dry friction grips them); impacts on this face, and those before the present contact; m drilled on it, likewise;
 angles in rad of what turns, now and where the present contact began, and of the vibration; factor on the rock's
 stiffness; largest force of the present loading so far in N, and its depth in m at the last turn; 1 where the rock would
-pull, and does not; way in which a drive of limited slope ramps (1, -1, or 0 while it follows), its force in N, and s
-until that changes; length in s of the next step in each regime. Behind them, for each law, how many of its corners lie
-below its argument, and the first piece of the part between corners that it is in and that of the next."""
+pull, and does not; way in which a drive of limited slew rate ramps (1, -1, or 0 while it follows), its force in N,
+and s until that changes; length in s of the next step in each regime. Behind them, for each law, how many of its
+corners lie below its argument, and the first piece of the part between corners that it is in and that of the next."""
 
 # Scalars of the model, in front of those that effects set
 M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
@@ -123,8 +123,8 @@ M1, M2, K, C, F_A, F_B, KL, KU, OMEGA = range(9)
     BED_SQUARE,
     BED_DAMPING,
     COMPACTION_LENGTH,
-    DRIVE_SLOPE,
-    DRIVE_SLOPE_SHARE,
+    SLEW_RATE,
+    SLEW_SHARE,
     DRIVE_DELAY,
 ) = range(OMEGA + 1, OMEGA + 1 + len(SCALARS))
 SCALAR_AT = dict(zip(SCALARS, range(OMEGA + 1, OMEGA + 1 + len(SCALARS)), strict=True))
@@ -447,10 +447,10 @@ def drive_asked(m: np.ndarray, theta: float) -> tuple[float, float]:
 
 @njit(**INLINED)
 def drive_lost(m: np.ndarray, d: np.ndarray, shift: float, theta: float) -> float:
-    """Force in N that a drive of limited slope, which is late, has beyond what is asked at the phase ``theta``."""
+    """Force in N that a drive of limited slew rate, which is late, has beyond what is asked at the phase ``theta``."""
     asked = drive_asked(m, theta)[0]
     if d[SLEWING] != 0.0:
-        return d[DRIVEN] + d[SLEWING] * m[DRIVE_SLOPE] * shift - asked
+        return d[DRIVEN] + d[SLEWING] * m[SLEW_RATE] * shift - asked
     return drive_asked(m, theta - m[OMEGA] * m[DRIVE_DELAY])[0] - asked
 
 
@@ -555,7 +555,7 @@ def extra_forces(
         on_indenter += lost
         dz[given + int(m[BY_LAG])] += lost * v2
     if int(m[BY_SLOPE]) >= 0 and (d[SLEWING] != 0.0 or m[DRIVE_DELAY] != 0.0):
-        lost = m[DRIVE_SLOPE_SHARE] * drive_lost(m, d, shift, theta)
+        lost = m[SLEW_SHARE] * drive_lost(m, d, shift, theta)
         on_indenter += lost
         dz[given + int(m[BY_SLOPE])] += lost * v2
     if int(m[BY_VIBRATION]) >= 0:

@@ -91,7 +91,7 @@ class Wave:
 
 
 class Ramped:
-    """What a drive of limited slope has beyond the sine that is asked of it, over its size: by parts in time.
+    """What a drive of limited slew rate has beyond the sine that is asked of it, over its size: by parts in time.
 
     It is asked for ``delay`` s late, follows where that is no steeper than ``steepest``, and ramps where it is.
     """

@@ -124,7 +124,7 @@ def external_vibration(peer, F1, F2, f, psi):
     peer.on_indenter = lambda t: F2 * math.sin(2.0 * math.pi * f * t + psi)
 
 
-def slope_limit(peer, S_max, tau_f=0.0):
+def slew_rate_limit(peer, S_max, tau_f=0.0):
     peer.wave = Ramped(peer.f_a, peer.omega, S_max, tau_f, PERIODS * peer.period)
 
 
@@ -196,8 +196,8 @@ EQUATIONS = [
     Case("external-vibration", {"F1": 155.0, "F2": 2.25, "f": 32.5, "psi": 0.4}, external_vibration),
     Case("force-limit", {"F_max": 275.0}, force_limit),
     Case("force-limit", {"F_s": 230.0}, force_limit, name="force-limit-of-the-spring"),
-    Case("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}, slope_limit, name="force-limit-of-the-slope"),
-    Case("force-limit", {"S_max": 1.5e5}, slope_limit, AT_95, "force-limit-ramps-alone"),
+    Case("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}, slew_rate_limit, name="force-limit-of-the-slope"),
+    Case("force-limit", {"S_max": 1.5e5}, slew_rate_limit, AT_95, "force-limit-ramps-alone"),
     Case("guide-friction", {"fc1": 47.5}, guide_friction),
     Case("guide-friction", {"fc1": 30.0, "vs1": 3e-4}, guide_friction, AT_110, "guide-friction-rounded"),
     Case("indenter-friction", {"fc2": 47.5}, indenter_friction),

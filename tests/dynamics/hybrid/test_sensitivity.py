@@ -33,8 +33,6 @@ from drillenv.dynamics.hybrid.vector_field import (
     CONTACT_DAMPING_POWER,
     DRIVE_DELAY,
     DRIVE_LAG,
-    DRIVE_SLOPE,
-    DRIVE_SLOPE_SHARE,
     DRIVEN,
     F_A,
     F_B,
@@ -59,6 +57,8 @@ from drillenv.dynamics.hybrid.vector_field import (
     ROTATION_RATE,
     ROTATION_SHARE,
     SIZES_AT,
+    SLEW_RATE,
+    SLEW_SHARE,
     SLEWING,
     SLIDING1,
     SLIDING2,
@@ -83,7 +83,7 @@ MOVING = sorted(name for name, effect in LIBRARY.items() if effect.moves_rig)
 MORE = {
     "clipped spring": ("force-limit", {"F_s": 190.0}),
     "compaction over the depth": ("rock-compaction", {"soft": 0.4, "soft_l": 1e-4}),
-    "a drive of limited slope": ("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}),
+    "a drive of limited slew rate": ("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}),
     "a drive that ramps": ("force-limit", {"S_max": 8e4}),
     "rounded guide": ("guide-friction", {"fc1": 30.0, "vs1": 3e-3}),
     "rounded indenter": ("indenter-friction", {"fc2": 30.0, "vs2": 5e-2}),
@@ -220,7 +220,7 @@ def test_tangent_of_the_return_map(name):
 SCALARS = [M1, M2, K, C, F_A, F_B, KL, KU, MOUNT_GAIN, MOUNT_SQUARE, MOUNT_DAMPING, AIR_STIFFNESS, AIR_PER_LENGTH,
            AIR_RATE, DRIVE_LAG, ROTATION_SHARE, ROTATION_RATE, ROTATION_PHASE, GRIP1, GRIP2, BRISTLES1, BRISTLES2,
            SLIDING1, SLIDING2, BRISTLE_DAMPING1, BRISTLE_DAMPING2, CONTACT_DAMPING, CONTACT_DAMPING_POWER, BED_SHARE,
-           BED_SQUARE, BED_DAMPING, DRIVE_SLOPE, DRIVE_SLOPE_SHARE, DRIVE_DELAY,
+           BED_SQUARE, BED_DAMPING, SLEW_RATE, SLEW_SHARE, DRIVE_DELAY,
            COMPACTION_LENGTH]  # fmt: skip
 """By which a column may be."""
 

@@ -182,7 +182,7 @@ def by_scalars(effects, model, begin):
     scalars += [V.AIR_STIFFNESS, V.AIR_PER_LENGTH, V.AIR_RATE, V.GRIP1, V.DRIVE_LAG]
     scalars += [V.ROTATION_SHARE, V.ROTATION_PHASE, V.ROTATION_RATE, V.BRISTLES1, V.BRISTLES2, V.SLIDING1, V.SLIDING2]
     scalars += [V.BED_SHARE, V.BED_SQUARE, V.BED_DAMPING, V.CONTACT_DAMPING, V.CONTACT_DAMPING_POWER]
-    scalars += [V.DRIVE_SLOPE, V.DRIVE_SLOPE_SHARE, V.DRIVE_DELAY, V.COMPACTION_LENGTH]
+    scalars += [V.SLEW_RATE, V.SLEW_SHARE, V.DRIVE_DELAY, V.COMPACTION_LENGTH]
     found = []
     for scalar in scalars:
         step = (1e-3 if scalar == V.AIR_RATE else 1e-5) * abs(model.s[scalar])
