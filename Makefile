@@ -56,7 +56,7 @@ package: $(VENV)/dev.stamp
 lint: $(VENV)/dev.stamp
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/pyright
+	@$(BIN)/pyright --threads $(JOBS)
 
 bench: $(VENV)/dev.stamp
 	@$(BIN)/python -m benchmarks.speed

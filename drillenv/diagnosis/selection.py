@@ -179,7 +179,6 @@ def forward(
         if step is not None:
             add_step(steps, step)
             fitted = step.after
-            corrected_by_parts(fitted, steps, step, say)
             keep(fitted, copied(steps), ScoreTests(scores, level))
             continue
         other = with_laws_changed(fitted, steps, say, earlier is None)
@@ -193,23 +192,6 @@ def forward(
         # what is left out may have taken up a part of another family, beside all that was tested so far
         left_out |= {each.family.name for each in steps} - {each.family.name for each in kept}
         steps, possible = kept, None
-
-
-def corrected_by_parts(fitted: Fitted, steps: Sequence[Step], step: Step, say: Say) -> None:
-    """Let earlier steps whose laws are parts of a measured law that was added correct that, where it explains more.
-
-    Added after them, it had only what they left to explain; by a Wald test, they explain what it leaves.
-    """
-    rig = fitted.structure.rig
-    if step.named.equation is not None or step.corrects:
-        return
-    for each in mechanisms_of(steps):
-        if each.family.group == step.family.group or not rig.contains(step.family, each.family):
-            continue
-        own = wald_gain(fitted, each)
-        if own < step.gain_in(fitted) + each.gain_in(fitted) - own:
-            say(f"  {each.family.name} corrects {step.family.name}")
-            each.corrects = True
 
 
 def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
