@@ -722,14 +722,3 @@ def test_of_laws_that_explain_alike_the_one_nearer_to_an_equation_comes_first(co
     ]
     found = selection.by_nearest_equations(fits, fit(2.0))
     assert [score.family.name for score, _ in found] == sorted(laws, key=lambda name: name != first)
-
-
-@pytest.mark.parametrize(
-    ("own", "equation", "corrects"), [(90.0, None, True), (190.0, None, False), (90.0, "x", False)]
-)
-def test_a_part_of_a_law_that_is_found_later_corrects_it_where_that_explains_more(monkeypatch, own, equation, corrects):
-    """Offsets of each recording, found before coupled channels whose charges leave them: 100 each, together 200."""
-    monkeypatch.setattr(selection, "wald_gain", lambda *_: own)
-    part, other, law = step("lag", 100.0, None), step("damper", 100.0, None), step("response", 100.0, equation)
-    selection.corrected_by_parts(fit(1.2), [part, other, law], law, lambda _: None)
-    assert part.corrects == corrects and not other.corrects and not law.corrects
