@@ -89,6 +89,7 @@ def test_a_coarse_converter_sets_the_noise(campaign):
     assert any("6.93 N" in each for each in report.record["remarks"])
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_dead_band_sets_the_noise(campaign):
     """What is below 20 N reads 0: no law of the rock is to be seen in that."""
