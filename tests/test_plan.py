@@ -23,7 +23,6 @@ from drillenv.diagnosis.terms import ModelStructure
 from drillenv.dynamics.effects import LIBRARY, make
 from drillenv.dynamics.sensors import record
 from drillenv.planning import information as plan_information
-from drillenv.planning import plan as planning
 from drillenv.planning.choice import Judge, chosen_from, places_held_out
 from drillenv.planning.information import FLAT, Site, axes_over, candidate, grid, settle, signatures_of, survey
 from drillenv.planning.plan import plan_campaign, slow_remarks
@@ -158,12 +157,10 @@ def test_with_effects_of_a_model():
 
 
 @pytest.mark.slow
-def test_plan_on_the_command_line(tmp_path, capsys, monkeypatch):
+def test_plan_on_the_command_line(tmp_path, capsys):
     options = ["--settings", "4", "--seconds", "0.2", "--frequency", "60", "110"]
     sheet, model = tmp_path / "sheet.csv", tmp_path / "model.json"
     model.write_text(json.dumps(model_record(Corrected(rock=rock(2)))))
-    plans = []
-    monkeypatch.setattr(planning, "plan_campaign", lambda *a, **k: plans.append(plan_campaign(*a, **k)) or plans[0])
     assert cli.main(["campaign", "plan", "--model", str(model), *options, "--out", str(sheet), "--json"]) == 0
     plan = json.loads(capsys.readouterr().out)
     rows = list(csv.DictReader(io.StringIO(sheet.read_text())))
@@ -173,10 +170,12 @@ def test_plan_on_the_command_line(tmp_path, capsys, monkeypatch):
     assert {each["starts"] for each in rows} == {"running", "fresh"}
     assert all(60.0 <= float(each["frequency_Hz"]) <= 110.0 and each["purpose"] for each in rows)
     assert {each["mechanism"] for each in plan["mechanisms"]} == {n for n, each in LIBRARY.items() if planned_for(each)}
-    (made,) = plans
-    assert "| contact-toe" in made.text()
-    assert [each for each in made.remarks if each.startswith("rock-rotation")] == slow_remarks(
-        Site(Rig(), rock(2), seconds=0.2), made.mechanisms
+    # the same once more, in words
+    again = plan_campaign(rock(2), settings=4, seconds=0.2, box=((60.0, 110.0), (0.3, 0.6), (0.6, 1.8)))
+    assert [each.setting.frequency for each in again.recordings] == [float(each["frequency_Hz"]) for each in rows]
+    assert "| contact-toe" in again.text()
+    assert [each for each in again.remarks if each.startswith("rock-rotation")] == slow_remarks(
+        Site(Rig(), rock(2), seconds=0.2), again.mechanisms
     )
 
 

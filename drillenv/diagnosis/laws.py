@@ -185,12 +185,12 @@ class Air(Term):
 
 @dataclass(frozen=True)
 class SlewRateLimit(Term):
-    """A drive of limited slew rate: share of the drive, logarithm of that in N/s, and its delay in s."""
+    """A drive of limited slew rate: share of the drive, logarithm of its slew rate in N/s, and its delay in s."""
 
     has_states = True
 
     def contribute(self, values: Floats, model: Model, point: OperatingPoint, axes: Axes) -> None:
-        """Limit the slope."""
+        """Limit the slew rate."""
         model.s[V.SLEW_SHARE] += values[0]
         model.s[V.SLEW_RATE] = math.exp(values[1])
         model.s[V.DRIVE_DELAY] = values[2]
