@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import lsq_linear
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.adapter import RecordingProblem
@@ -251,15 +252,34 @@ def _step(parts: Sequence[Quadratic], shared: Floats, priors: Priors, damping: f
     weights = priors.weights
     gradient = sum((each[0] for each in reduced), weights * (shared - priors.centre))
     hessian = sum((each[1] for each in reduced), np.diag(weights))
-    full = np.diag(hessian).copy()
-    free = ~(((shared <= priors.low) & (gradient > 0.0)) | ((shared >= priors.high) & (gradient < 0.0)))
-    free &= full > 0.0
-    step = np.zeros_like(shared)
-    if free.any():
-        inside = hessian[np.ix_(free, free)] + np.diag((damping + 1e-10) * full[free])  # pyright: ignore[reportCallIssue]
-        step[free] = -np.linalg.solve(inside, gradient[free])
-        step = np.clip(shared + step, priors.low, priors.high) - shared
+    step = within_box(gradient, hessian + np.diag((damping + 1e-10) * np.diag(hessian)), priors, shared)
     moves = [-(constant + slope @ step) for _, _, constant, slope in reduced]
     promised = -float(gradient @ step + 0.5 * step @ hessian @ step)
     promised += sum(0.5 * float(each[2] @ part.by_own) for each, part in zip(reduced, parts, strict=True))
     return step, moves, promised
+
+
+def within_box(gradient: Floats, hessian: Floats, priors: Priors, shared: Floats) -> Floats:
+    """The step (k,) that minimises ``gradient @ step + step @ hessian @ step / 2`` within the box of the priors.
+
+    Newton's where that stays inside. A step that is cut off where it leaves the box may lead uphill: what one parameter
+    cannot take, those that are correlated with it have to.
+
+    Args:
+        gradient: (k,)
+        hessian: (k, k), positive semidefinite; of a parameter whose diagonal is 0 nothing is known, and it stays.
+        priors: Low and high ends, (k,) each.
+        shared: (k,) where the step begins, within the box.
+    """
+    step, known = np.zeros_like(shared), (np.diag(hessian) > 0.0) & (priors.low < priors.high)
+    low, high, gradient = (priors.low - shared)[known], (priors.high - shared)[known], gradient[known]
+    inside = hessian[np.ix_(known, known)]
+    newton = -np.linalg.solve(inside, gradient)
+    if not np.all((low <= newton) & (newton <= high)):
+        # each by its own size, or the smallest would be lost in the rounding of the largest
+        size = np.sqrt(np.diag(inside))
+        upper = cholesky(inside / size / size[:, None])
+        target = solve_triangular(upper, -gradient / size, trans="T")
+        newton = lsq_linear(upper, target, (low * size, high * size), method="bvls").x / size
+    step[known] = newton
+    return step

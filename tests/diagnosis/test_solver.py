@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import cho_solve
 
 from drillenv.diagnosis.fitting import SHORT, fit_to, reinitialise_outliers
-from drillenv.diagnosis.solver import Fit, Limits, Priors, Quadratic, factor, minimise
+from drillenv.diagnosis.solver import Fit, Limits, Priors, Quadratic, factor, minimise, within_box
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.terms import ModelStructure
@@ -270,3 +270,35 @@ def test_a_step_that_fell_far_short_of_its_promise_is_no_convergence():
     found = minimise([valley], np.array([-3.0, 9.0]), [np.zeros(0)], free(2), Limits(80, 0.5))
     assert found.converged
     assert found.cost < 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_step_within_the_box_is_the_best_there_is(seed):
+    rng = np.random.default_rng(seed)
+    k = 6
+    spread = rng.normal(size=(k, k)) * np.geomspace(1.0, 1e4, k)  # parameters of unlike sizes, correlated
+    hessian, gradient = spread.T @ spread, spread.T @ rng.normal(size=k)
+    newton = -np.linalg.solve(hessian, gradient)
+    half = np.abs(newton) * rng.uniform(0.2, 3.0, k)
+    box = Priors(np.zeros(k), np.zeros(k), -half, half)
+
+    step = within_box(gradient, hessian, box, np.zeros(k))
+
+    assert np.any(np.abs(newton) > half), "the case has to be one of a box that Newton's step leaves"
+    assert np.all(np.abs(step) <= half * (1 + 1e-12))
+    # what is left of the gradient presses outward where the box ends, and is none elsewhere
+    left, size = gradient + hessian @ step, np.sqrt(np.diag(hessian))
+    inside = np.abs(step) < half * (1 - 1e-9)
+    assert np.allclose(left[inside] / size[inside], 0.0, atol=1e-6)
+    assert np.all(left[~inside] * step[~inside] <= 0.0)
+
+
+def test_bounds_on_one_of_two_parameters_that_are_correlated_are_no_end():
+    # the sum is known much better than the difference: cut off at its bound, the first parameter leaves the second wrong
+    block = Residuals(lambda p, _x: np.array([10.0 * (p[0] + p[1] - 1.0), p[0] - p[1] - 9.0]))
+    box = Priors(np.zeros(2), np.zeros(2), np.array([-0.5, -50.0]), np.array([0.5, 50.0]))
+
+    fit = minimise([block], np.zeros(2), [np.zeros(0)], box, Limits(50, 1e-9))
+
+    assert fit.converged
+    assert fit.shared == pytest.approx([0.5, 41.5 / 101.0], abs=1e-6)
