@@ -155,7 +155,7 @@ def as_sums(fitted: Fitted, steps: Sequence[Step], say: Callable[[str], object])
             begun = np.concatenate([start, *(np.array(e.form.starts[0]) / e.scales for e in pair)])
             both = fitted.refit(replace(rest, terms=(*rest.terms, *pair)), begun)
             fewer = size - sum(len(each.unknowns) for each in pair)
-            as_well = does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted.samples)
+            as_well = does_as_well(both.cost - fitted.cost, 0.0, fewer, fitted)
             if as_well and (best is None or both.cost < best[0].cost):
                 best = both, pair
         if best is None:

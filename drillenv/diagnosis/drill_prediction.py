@@ -17,6 +17,7 @@ import numpy as np
 from drillenv.diagnosis.condition import Conditioned
 from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_noise import Noise, noise_left, quietest, with_lines_left
+from drillenv.diagnosis.drill_states import better_from_steady_motion
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized, states_under
 from drillenv.diagnosis.fitting import OUTLYING, RELAXED, TIGHT, TIGHTENING, Fitted, priors_of
 from drillenv.diagnosis.noise import NoiseModel
@@ -68,7 +69,7 @@ def estimate_recordings(
     beginnings = estimates_of(fitted) if known else [None] * len(data)
 
     def settle(each: Conditioned, level: Noise, beginning: StateEstimate | None) -> StateEstimate:
-        there = estimate_states_of(each, *with_own_lines(fitted, level), beginning)
+        there = estimate_states_of(each, *with_own_lines(fitted, level), beginning, lines_known=known or noise is not None)
         there = with_own_waves(there)
         return there if noise is not None else with_noise_left(there, fitted)
 
@@ -76,11 +77,16 @@ def estimate_recordings(
 
 
 def estimate_states_of(
-    each: Conditioned, fitted: Fitted, level: Noise, beginning: StateEstimate | None = None
+    each: Conditioned,
+    fitted: Fitted,
+    level: Noise,
+    beginning: StateEstimate | None = None,
+    lines_known: bool = True,
 ) -> StateEstimate:
     """A recording's block with its own unknowns at their best; they begin as known, or as first guessed.
 
-    Of the ``beginning`` of the recording those of a fit are known.
+    Of the ``beginning`` of the recording those of a fit are known. Lines of the noise that are not known are those that
+    windows leave while they are free: joined with such lines in them, states may come to another motion.
     """
     size = states_under(fitted.structure)
     windows = len(each.starts) - 1
@@ -109,6 +115,10 @@ def estimate_states_of(
         return block, own if again is own else block.estimate_states(shared, again)
 
     block, own = settle(RELAXED, own)
+    if not lines_known:
+        there = StateEstimate(block, own, shared)
+        block, own, _ = weighed(there, with_lines_left(fitted_alone(there, fitted))[0], fitted)
+        level = block.noise
     if fitted.slack == RELAXED:
         return StateEstimate(block, own, shared)
     free, close = own, block.per_sample(shared, own) < CLOSE
@@ -118,6 +128,8 @@ def estimate_states_of(
     if beginning is not None:
         begun[behind], begun[:2] = beginning.own[states.size : states.size + 2], states[0, :2]
     block, own = settle(fitted.slack, begun)
+    if close and block.per_sample(shared, own) > CLOSE and not each.fresh:
+        own = better_from_steady_motion(block, shared, own, block.cost(shared, own))
     if close and block.per_sample(shared, own) > CLOSE:
         # windows that were not near enough to each other to be joined at once
         own = free
@@ -128,17 +140,18 @@ def estimate_states_of(
 
 def with_noise_left(there: StateEstimate, fitted: Fitted) -> StateEstimate:
     """The same with the noise that a model leaves, where it comes close to the recording."""
-
-    def alone(there: StateEstimate) -> Fitted:
-        fit = replace(fitted.fit, shared=there.shared, own=[there.own])
-        return Fitted(there.block.structure, [there.block], fit)
-
     found = there
     if there.block.per_sample(there.shared, there.own) > CLOSE:
-        found = weighed(there, with_lines_left(alone(there))[0], fitted)
+        found = weighed(there, with_lines_left(fitted_alone(there, fitted))[0], fitted)
     if found.block.per_sample(found.shared, found.own) > CLOSE:
         return there
-    return weighed(found, noise_left(alone(found))[0], fitted)
+    return weighed(found, noise_left(fitted_alone(found, fitted))[0], fitted)
+
+
+def fitted_alone(there: StateEstimate, fitted: Fitted) -> Fitted:
+    """A fit that has one recording."""
+    fit = replace(fitted.fit, shared=there.shared, own=[there.own])
+    return Fitted(there.block.structure, [there.block], fit)
 
 
 def weighed(there: StateEstimate, noise: Noise, fitted: Fitted) -> StateEstimate:

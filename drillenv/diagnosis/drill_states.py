@@ -17,6 +17,7 @@ from drillenv.diagnosis.fitting import RELAXED, TIGHT
 from drillenv.diagnosis.solver import Floats, factor
 from drillenv.diagnosis.thresholds import CLOSE
 from drillenv.dynamics.constitutive.places import GUIDE, INDENTER
+from drillenv.dynamics.hybrid.vector_field import V2, W
 
 if TYPE_CHECKING:
     from drillenv.diagnosis.drill import ShootingProblem
@@ -90,6 +91,9 @@ def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, o
         own = rolled_out
         cost, costs = block.costs(shared, own)
     mistaken = close and with_friction and abs(own[block.windows * block.state_count(own)]) > IMPROBABLE
+    if (mistaken or outlying) and block.slack <= TIGHT and not block.data.fresh:
+        own = better_from_steady_motion(block, shared, own, cost)
+        cost, costs = block.costs(shared, own)
     if mistaken or outlying:
         most = math.inf if mistaken else PROGRESS * found_cost(block, costs)
         own = reinitialised(block, shared, own, most)
@@ -104,6 +108,21 @@ def better_by_rollout(block: ShootingProblem, shared: Floats, own: Floats, cost:
     Friction that holds a mass in one window and not in the next parts valleys that no step goes between.
     """
     begun = estimate_states(block, shared, block.rollout(shared, own))
+    return begun if block.cost(shared, begun) < cost - negligible_gain(cost, block.samples) else own
+
+
+def better_from_steady_motion(block: ShootingProblem, shared: Floats, own: Floats, cost: float) -> Floats:
+    """Own unknowns of a known cost, or those that come of a motion which begins as it goes on, where these come lower.
+
+    A rig that runs repeats itself. Where a recording begins, its slow states (the coupling's, those of bristles and of
+    a bed) have to be guessed; where it ends, the model has come to them.
+    """
+    kept = block.state_count(own)
+    states = block.states_of(own).copy()
+    slow = np.setdiff1d(np.arange(kept), (V2, W))
+    states[0, slow] = np.median(states[-max(1, block.windows // 4) :, slow], axis=0)
+    begun = block.rollout(shared, np.append(states.ravel(), own[states.size :]))
+    begun = estimate_states(block, shared, estimate_by_labels(block, shared, begun))
     return begun if block.cost(shared, begun) < cost - negligible_gain(cost, block.samples) else own
 
 

@@ -14,7 +14,7 @@ from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, with_conti
 from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, LEFT, MOST_OF_LAW, NOISE_KNOWN, TENSE
+from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, LAW_LEFT, LEFT, MOST_OF_LAW, NOISE_KNOWN, TENSE
 
 
 class Tried(NamedTuple):
@@ -40,12 +40,15 @@ class Named:
     """Other mechanisms that a law which no equation follows may be as well."""
 
 
-def does_as_well(worse: float, gain: float, dof: int, samples: int) -> bool:
+def does_as_well(worse: float, gain: float, dof: int, fitted: Fitted) -> bool:
     """Whether an equation so much worse than a free law, with so many fewer parameters, may be the true one.
 
-    What it leaves of the law's gain must not stand out of the noise of so many samples.
+    What it leaves of the law's gain must not stand out of the noise of so many samples, or, in a model that is far off
+    with any law, ``fitted``, of what else is missing there: the more parameters, the more of that a law takes up.
     """
-    left = min(LAW_ERROR**2 * gain, 0.5 * NOISE_KNOWN * samples)
+    left = min(LAW_ERROR**2 * gain, 0.5 * NOISE_KNOWN * fitted.samples)
+    if fitted.reduced_chi_square > CLOSE:
+        left = max(left, LAW_LEFT * (fitted.cost - 0.5 * fitted.residual_dof))
     return worse <= 0.5 * float(chi2.isf(ALIKE, max(dof, 1))) + left
 
 
@@ -184,7 +187,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     rest = on_axes(rest, wider(rest.axes))
 
     def as_well_as(equation: Term, other: Fitted) -> bool:
-        return does_as_well(other.cost - fitted.cost, gain, family.size - len(equation.unknowns), fitted.samples)
+        return does_as_well(other.cost - fitted.cost, gain, family.size - len(equation.unknowns), fitted)
 
     done, rivals = False, fitted.structure.rig.rivals(fitted, family)
     for equation, starts, worse in rivals:

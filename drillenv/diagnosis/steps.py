@@ -163,7 +163,7 @@ def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = Fals
     elif family.terms and (named.equation is None or other.cost > found.cost):
         finer = refined(found, family)
         fewer = finer.fit.shared.size - other.fit.shared.size
-        if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, found.samples):
+        if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, finer):
             terms = finer.structure.current(family.terms)
             measured, other = replace(named, equation=None), finer
             named = named_by_law(measured, finer, replace(family, terms=terms), gain)
