@@ -69,7 +69,9 @@ def estimate_recordings(
     beginnings = estimates_of(fitted) if known else [None] * len(data)
 
     def settle(each: Conditioned, level: Noise, beginning: StateEstimate | None) -> StateEstimate:
-        there = estimate_states_of(each, *with_own_lines(fitted, level), beginning, lines_known=known or noise is not None)
+        there = estimate_states_of(
+            each, *with_own_lines(fitted, level), beginning, lines_known=known or noise is not None
+        )
         there = with_own_waves(there)
         return there if noise is not None else with_noise_left(there, fitted)
 

@@ -294,7 +294,7 @@ def test_a_step_within_the_box_is_the_best_there_is(seed):
 
 
 def test_bounds_on_one_of_two_parameters_that_are_correlated_are_no_end():
-    # the sum is known much better than the difference: cut off at its bound, the first parameter leaves the second wrong
+    # the sum is known much better than the difference: one that is cut off at its bound leaves the other wrong
     block = Residuals(lambda p, _x: np.array([10.0 * (p[0] + p[1] - 1.0), p[0] - p[1] - 9.0]))
     box = Priors(np.zeros(2), np.zeros(2), np.array([-0.5, -50.0]), np.array([0.5, 50.0]))
 
