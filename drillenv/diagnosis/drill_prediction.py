@@ -119,8 +119,8 @@ def estimate_states_of(
     block, own = settle(RELAXED, own)
     if not lines_known:
         there = StateEstimate(block, own, shared)
-        block, own, _ = weighed(there, with_lines_left(fitted_alone(there, fitted))[0], fitted)
-        level = block.noise
+        level = with_more_lines(block, with_lines_left(fitted_alone(there, fitted))[0])
+        block, own, _ = weighed(there, level, fitted)
     if fitted.slack == RELAXED:
         return StateEstimate(block, own, shared)
     free, close = own, block.per_sample(shared, own) < CLOSE
@@ -227,12 +227,27 @@ def own_lines(fitted: Fitted) -> list[float]:
     return [line for line, before in zip(lines, [-math.inf, *lines], strict=False) if line - before > 0.5 * turn]
 
 
+def with_more_lines(block: ShootingProblem, more: Noise) -> Noise:
+    """A recording's noise with those lines of another that are told from its own."""
+    apart = block.data.rate / block.data.force.size
+    first, second = (
+        replace(own, lines=tuple(sorted((*own.lines, *(x for x in new.lines if is_apart(x, own.lines, apart))))))
+        for own, new in zip(block.noise, more, strict=True)
+    )
+    return first, second
+
+
+def is_apart(line: float, others: Sequence[float], apart: float) -> bool:
+    """Whether a line (Hz) is farther than so much from all others."""
+    return all(abs(line - each) > apart for each in others)
+
+
 def without_lines(block: ShootingProblem, lines: Sequence[float]) -> Noise:
     """A recording's noise without what is not told from some lines."""
     apart = block.data.rate / block.data.force.size
 
     def less(level: NoiseModel) -> NoiseModel:
-        return replace(level, lines=tuple(x for x in level.lines if all(abs(x - line) > apart for line in lines)))
+        return replace(level, lines=tuple(x for x in level.lines if is_apart(x, lines, apart)))
 
     first, second = block.noise
     return less(first), less(second)

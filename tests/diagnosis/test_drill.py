@@ -18,6 +18,7 @@ from drillenv.diagnosis.coupling import (
     shortening,
     spring_coordinate,
 )
+from drillenv.diagnosis.drill_states import better_from_steady_motion
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized
 from drillenv.diagnosis.fitting import RELAXED, TIGHT
 from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
@@ -53,6 +54,22 @@ def test_states_stay_what_they_are_beside_many_lines(plain):
     other, kept = problem.under(problem.structure, own)
     assert np.array_equal(kept, own)
     assert other.cost(shared, kept) == problem.cost(shared, own)
+
+
+def test_a_rig_that_runs_begins_as_it_goes_on(plain):
+    """Though it was begun with a coupling that is deflected by 150 N too much, and a pressure to hold that."""
+    block, shared, own = plain
+    states, pressure = block.states_of(own).copy(), block.windows * block.state_count(own)
+    states[0, Y] += 150.0
+    astray = np.append(states.ravel(), own[pressure:])
+    astray[pressure] += 20.0
+    astray = block.rollout(shared, astray)
+    cost = block.cost(shared, astray)
+    assert cost > 100.0 * block.cost(shared, own)
+    found = better_from_steady_motion(block, shared, astray, cost)
+    assert block.cost(shared, found) == pytest.approx(block.cost(shared, own), rel=0.01)
+    # what is better as it is stays
+    assert better_from_steady_motion(block, shared, own, block.cost(shared, own)) is own
 
 
 def with_law(plain, group):

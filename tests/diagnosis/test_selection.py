@@ -12,7 +12,7 @@ from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
-from drillenv.diagnosis.naming import Named, Tried, name_law
+from drillenv.diagnosis.naming import Named, Tried, does_as_well, name_law
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import Score, ScoreTests
 from drillenv.diagnosis.selection import forward, least_gain, strength_shows
@@ -257,6 +257,12 @@ def test_a_delay_that_filters_of_channels_have_anyway_is_no_mechanism(delays, ma
     assert selection.is_material(family, fitted) == material
     offset = next(each for each in sensor_families(["r01"], 25600.0) if each.name == "offset")
     assert selection.is_material(offset, fitted)
+
+
+@pytest.mark.parametrize(("left", "worse", "as_well"), [(1.5, 500.0, False), (3.6, 500.0, True), (3.6, 5e3, False)])
+def test_in_a_far_model_a_law_takes_up_a_part_of_what_else_is_missing(left, worse, as_well):
+    law: Any = Fake(reduced_chi_square=left, samples=SAMPLES, cost=0.5 * left * SAMPLES, residual_dof=SAMPLES)
+    assert does_as_well(worse, 1e6, 20, law) is as_well
 
 
 def test_an_equation_does_not_come_near_to_a_simpler_one_that_is_singular():
