@@ -173,9 +173,8 @@ def reinitialised(block: ShootingProblem, shared: Floats, own: Floats, most: flo
     """
     free = replace(block, slack=RELAXED)
     kept = block.state_count(own)
-    begun = estimate_by_labels(
-        free, shared, resized(first_states(block.data), block.windows, kept, MASSES, len(block.lines))
-    )
+    guess = resized(first_states(block.data), block.windows, kept, MASSES, len(block.lines))
+    begun = estimate_by_labels(free, shared, with_other_states_going_on(free, shared, guess))
     if found_cost(free, free.costs(shared, begun)[1]) >= most:
         return own
     begun = reinitialise_until_found(free, shared, begun)
@@ -188,7 +187,22 @@ def find_states(block: ShootingProblem, shared: Floats, guess: Floats) -> Floats
 
     Windows in which the motion is still another one would have any pressure.
     """
-    return reinitialise_until_found(block, shared, estimate_by_labels(block, shared, guess))
+    begun = with_other_states_going_on(block, shared, guess)
+    return reinitialise_until_found(block, shared, estimate_by_labels(block, shared, begun))
+
+
+def with_other_states_going_on(block: ShootingProblem, shared: Floats, guess: Floats) -> Floats:
+    """A first guess with all states but the masses', of which it says nothing, as the model has them go on.
+
+    A mount is pressed in within some periods, wherever it begins.
+    """
+    if block.state_count(guess) == MASSES:
+        return guess
+    going_on, states = block.states_of(block.rollout(shared, guess)), block.states_of(guess).copy()
+    states[:, MASSES:] = going_on[:, MASSES:]
+    begun = np.append(states.ravel(), guess[states.size :])
+    # where the first guess is far off the motion may run away
+    return begun if math.isfinite(block.cost(shared, begun)) else guess
 
 
 def estimate_by_labels(block: ShootingProblem, shared: Floats, guess: Floats) -> Floats:
