@@ -1,4 +1,4 @@
-"""Forces of the coupling's spring and damper by a model's curves, and back; which curves a fit may draw.
+"""Forces of the coupling's spring and damper by a model's curves, and back.
 
 The coordinate of the coupling's spring in the fit is its force, for what recordings say of a window does not change
 with the spring that is taken to have made it. A weak spring of the same stiffness in all models, relaxed at rest, is
@@ -15,8 +15,8 @@ from numba import njit
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, MARGIN, Axes, interpolate, slope
 from drillenv.diagnosis.terms import Model
-from drillenv.dynamics.constitutive.places import DAMPER, MOUNT_SPRING, SPRING, SPRING_FROM_REST
-from drillenv.dynamics.hybrid.vector_field import F_B, MOUNT_SQUARE, C, K
+from drillenv.dynamics.constitutive.places import DAMPER, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.hybrid.vector_field import F_B, C, K
 
 ADDED = 2e4
 """N/m, of the spring that is added: a third of the coupling's or less."""
@@ -59,21 +59,19 @@ def damping_at(v: Floats, model: Model, axes: Axes) -> Floats:
     return np.maximum(model.s[C] + slope(model.curve(DAMPER), axes, DAMPER, v), LEAST_DAMPING * model.s[C])
 
 
-def forces_rise(model: Model, axes: Axes) -> bool:
-    """Whether forces of springs and dampers rise with their arguments where free laws of theirs are drawn.
+def is_invertible(model: Model, axes: Axes) -> bool:
+    """Whether forces of spring and damper rise with their arguments where free laws of theirs are drawn.
 
-    Else several shortenings of the coupling have one force, and windows may begin at any of them; and a mount runs away
-    in recordings that take it to where others have hardly been. Equations are not asked: their axes are longer than
-    what motions visit.
+    Else several shortenings have one force, and windows may begin at any of them. Equations are not asked: their axes
+    are longer than what motions visit.
     """
-    forces = []
-    if model.free[[SPRING, SPRING_FROM_REST, DAMPER]].any():
-        y, v = axes.points(SPRING), axes.points(DAMPER)
-        of_rest = interpolate(model.free[SPRING_FROM_REST], axes, SPRING_FROM_REST, from_rest(y, model))
-        forces += [(model.s[K] + ADDED) * y + model.free[SPRING] + of_rest, model.s[C] * v + model.free[DAMPER]]
-    if model.free[MOUNT_SPRING].any():
-        forces.append(model.s[MOUNT_SQUARE] * axes.points(MOUNT_SPRING) + model.free[MOUNT_SPRING])
-    return all(bool(np.all(np.diff(each) > 0.0)) for each in forces)
+    if not model.free[[SPRING, SPRING_FROM_REST, DAMPER]].any():
+        return True
+    y, v = axes.points(SPRING), axes.points(DAMPER)
+    of_spring = (model.s[K] + ADDED) * y + model.free[SPRING]
+    of_spring += interpolate(model.free[SPRING_FROM_REST], axes, SPRING_FROM_REST, from_rest(y, model))
+    of_damper = model.s[C] * v + model.free[DAMPER]
+    return bool(np.all(np.diff(of_spring) > 0.0) and np.all(np.diff(of_damper) > 0.0))
 
 
 @njit(cache=True, nogil=True)

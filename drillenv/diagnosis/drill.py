@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from drillenv.diagnosis import drill_extension, drill_jacobian, drill_states
 from drillenv.diagnosis.adapter import RecordingProblem
 from drillenv.diagnosis.condition import Conditioned, thin, thinning
-from drillenv.diagnosis.coupling import closing_speed, damper_force, forces_rise, shortening, spring_coordinate
+from drillenv.diagnosis.coupling import closing_speed, damper_force, is_invertible, shortening, spring_coordinate
 from drillenv.diagnosis.drill_unknowns import (
     AIR_AT_START,
     BENT,
@@ -236,7 +236,7 @@ class ShootingProblem(RecordingProblem):
         except NotSmoothError:
             # parameters with which a law is no curve any more
             return raw_of(shot, shot.ends, states, False)
-        if not forces_rise(labelled, axes):
+        if not is_invertible(labelled, axes):
             return raw_of(shot, shot.ends, states, False)
         begin = self.begun(own, model)
         columns = columns_of(given, labelled, axes, made, states)
