@@ -341,13 +341,11 @@ def axes_of(paths: Sequence[Floats], drive: float, rest: Sequence[float]) -> Axe
         WAVEFORM: (0.0, TWO_PI, EVEN),
         DRIVE: (-drive, drive, EVEN * drive),
     }
-    for place, values in ((SPRING, y), (SPRING_FROM_REST, beyond)):
+    u, giving = (np.concatenate([p[i] for p in paths]) for i in (V.U, V.UD))
+    for place, values in ((SPRING, y), (SPRING_FROM_REST, beyond), (MOUNT_SPRING, u)):
         low, high = span(values)
         high = max(high, low + LEAST)
         ranges[place] = (low, high, EVEN * max(abs(low), abs(high)))
-    u, giving = (np.concatenate([p[i] for p in paths]) for i in (V.U, V.UD))
-    given = max(float(np.percentile(np.abs(u), 99.8)), LEAST)
-    ranges[MOUNT_SPRING] = (-given, given, EVEN * given)
     # dry friction changes its sign within less than a sample
     speeds = ((DAMPER, v1 - v2), (GUIDE, v1), (INDENTER, v2), (MOUNT_DAMPER, giving))
     for place, values in speeds:

@@ -21,8 +21,8 @@ from drillenv.diagnosis.laws import (
 from drillenv.diagnosis.resolution import most_likely_prior
 from drillenv.diagnosis.tables import GRID, MARGIN, interpolate
 from drillenv.diagnosis.terms import ModelStructure
-from drillenv.dynamics.constitutive.places import WAVEFORM
-from drillenv.dynamics.hybrid.vector_field import OWN, Y
+from drillenv.dynamics.constitutive.places import MOUNT_SPRING, WAVEFORM
+from drillenv.dynamics.hybrid.vector_field import OWN, U, Y
 from drillenv.recordings import Nominal
 from drillenv.rig import Rig
 
@@ -45,6 +45,14 @@ def test_a_motion_that_never_touches_the_rock_has_axes():
     """As is left of one that could not be followed."""
     axes = axes_of([np.zeros((OWN, 100))], 1.0, [0.0])
     assert np.isfinite(axes.low).all() and (axes.step > 0.0).all()
+
+
+def test_a_mounts_law_is_drawn_over_the_deflections_that_it_takes():
+    """Blows press it in by far more than it swings back: out there a law would be drawn by nothing, and may fall."""
+    path = np.zeros((OWN, 1001))
+    path[U] = np.linspace(-1e-5, 4e-5, 1001)
+    ends = axes_of([path], 400.0, [0.0]).points(MOUNT_SPRING)[[0, -1]]
+    assert ends == pytest.approx([-1e-5, 4e-5], abs=2e-7)
 
 
 def curve(group, axes=AXES, **more) -> Curve:
