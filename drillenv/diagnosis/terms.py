@@ -31,8 +31,11 @@ REACH = 16
 
 
 def drilled_by(blow: float, kl: float, ku: float) -> float:
-    """m by which the origin moves in an impact of so many N at most, by the paper's law of the rock."""
-    return blow * (1.0 / kl - 1.0 / ku) if kl > 0.0 and ku > 0.0 else 0.0
+    """m by which the origin moves in an impact of so many N at most, by the paper's law of the rock.
+
+    None where a fit that is far off has it unload more softly than it loads: it does not give back what was drilled.
+    """
+    return blow * max(1.0 / kl - 1.0 / ku, 0.0) if kl > 0.0 and ku > 0.0 else 0.0
 
 
 class OperatingPoint(NamedTuple):

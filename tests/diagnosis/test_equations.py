@@ -7,6 +7,7 @@ import pytest
 
 from drillenv.diagnosis.equations import Around, acts_at, curve_at, parameters_of, scalars_of
 from drillenv.diagnosis.laws import NUMBERS
+from drillenv.diagnosis.terms import drilled_by
 from drillenv.dynamics.constitutive.places import CODE, PLACES, SCALARS
 from drillenv.dynamics.effects import REGISTRY, make
 from drillenv.dynamics.simulate import simulate
@@ -51,6 +52,12 @@ def test_a_form_names_parameters_and_starts_within_their_bounds(name, form):
         for place in places:
             x = KNOTS_AT[PLACES[place].name]
             assert curve_at(name, p, place, x, AROUND).shape == x.shape
+
+
+@pytest.mark.parametrize(("unloading", "drilled"), [(2e7, 1e-4), (5e6, 0.0)])
+def test_a_fit_that_unloads_more_softly_than_it_loads_drills_nothing(unloading, drilled):
+    """Compaction over the depth that impacts drill would grow out of all bounds over a depth that they give back."""
+    assert drilled_by(2000.0, 1e7, unloading) == pytest.approx(drilled)
 
 
 def test_a_contact_is_a_factor_on_the_stiffness_over_the_force():
