@@ -279,7 +279,7 @@ def within_box(gradient: Floats, hessian: Floats, priors: Priors, shared: Floats
         # each by its own size, or the smallest would be lost in the rounding of the largest
         size = np.sqrt(np.diag(inside))
         upper = cholesky(inside / size / size[:, None])
-        target = solve_triangular(upper, -gradient / size, trans="T")
+        target = solve_triangular(upper, -gradient / size, trans=1)
         newton = lsq_linear(upper, target, (low * size, high * size), method="bvls").x / size
     step[known] = newton
     return step
