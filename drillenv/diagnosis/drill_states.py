@@ -91,10 +91,10 @@ def reinitialise_outliers(block: ShootingProblem, shared: Floats, own: Floats, o
         own = rolled_out
         cost, costs = block.costs(shared, own)
     mistaken = close and with_friction and abs(own[block.windows * block.state_count(own)]) > IMPROBABLE
-    if (mistaken or outlying) and block.slack <= TIGHT and not block.data.fresh:
-        own = better_from_steady_motion(block, shared, own, cost)
-        cost, costs = block.costs(shared, own)
     if mistaken or outlying:
+        if block.slack <= TIGHT and not block.data.fresh:
+            own = better_from_steady_motion(block, shared, own, cost)
+            cost, costs = block.costs(shared, own)
         most = math.inf if mistaken else PROGRESS * found_cost(block, costs)
         own = reinitialised(block, shared, own, most)
         cost, costs = block.costs(shared, own)
