@@ -232,7 +232,7 @@ class ShootingProblem(RecordingProblem):
             np.zeros((self.windows, count, OWN)),
         )
         try:
-            made = assembled(labelled, axes, data.omega, [each.place for each in given if each.place >= 0])
+            made = assembled(labelled, axes, data.omega, [each.place for each in given if each.change is not None])
         except NotSmoothError:
             # parameters with which a law is no curve any more
             return raw_of(shot, shot.ends, states, False)

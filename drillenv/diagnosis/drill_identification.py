@@ -30,7 +30,7 @@ from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, respons
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Model, Term
-from drillenv.dynamics.constitutive.places import DRIVE, LOADING, RATE_FACTOR, RATE_FORCE, SPRING, UNLOADING
+from drillenv.dynamics.constitutive.places import DRIVE, LOADING, MOUNT_SPRING, RATE_FACTOR, RATE_FORCE, SPRING, UNLOADING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 
@@ -204,6 +204,8 @@ def places_of(family: Family) -> tuple[list[int], list[str]]:
     places += [
         place for term in family.terms if isinstance(term, StrengthOnly) for place in acts_at(term.effect, term.form)[0]
     ]
+    if family.group == "mount" and MOUNT_SPRING not in places:
+        places.append(MOUNT_SPRING)
     numbers = [DRIVE_LAG] if any(isinstance(term, Gain) for term in family.terms) else []
     return places, [*NUMBERS_OF_GROUP.get(family.group, numbers)]
 

@@ -373,7 +373,7 @@ def variations(block: ShootingProblem, own: Floats, model: Model, given: Sequenc
     by_own[:, V1, V2] = STATE_WIDTHS[V2]
     by_column = np.zeros((block.windows, len(given), kept))
     for j, column in enumerate(given):
-        place, change = column.place, column.change
+        place, change = column.place, column.drawn if column.change is None else column.change
         if column.kind == K:
             by_column[:, j, Y] = -(y + beyond_rest * rest / model.s[K]) / stiff
         elif column.kind == F_B:
@@ -407,9 +407,10 @@ def law_columns(model: Model, other: Model, parameter: int, step: float) -> list
     found, at = [], 0
     stiff, other_stiff = float(model.s[K]), float(other.s[K])
     for law, beside in zip(model.laws, other.laws, strict=True):
-        changes = equation_change(law, beside, stiff, other_stiff)
-        for pieces in changes:
+        for place, pieces, drawn in equation_change(law, beside, stiff, other_stiff):
             if np.any(pieces):
-                found.append((Column(int(LAW), law=at, pieces=pieces / step), {parameter: 1.0}))
+                drawn = None if drawn is None else drawn / step
+                column = Column(int(LAW), place=place, law=at, pieces=pieces / step, drawn=drawn)
+                found.append((column, {parameter: 1.0}))
             at += 1
     return found

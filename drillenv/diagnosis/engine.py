@@ -14,7 +14,16 @@ from drillenv.diagnosis.equations import acts_at
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import Axes, changes_of, table_of
 from drillenv.diagnosis.terms import DRIVE_PHASE, SCALARS, Law, Model
-from drillenv.dynamics.constitutive.places import PLACES, RATE_FACTOR, RATE_FORCE, UNLOADING, shape_of
+from drillenv.dynamics.constitutive.places import (
+    DAMPER,
+    PLACES,
+    RATE_FACTOR,
+    RATE_FORCE,
+    SPRING,
+    SPRING_FROM_REST,
+    UNLOADING,
+    shape_of,
+)
 from drillenv.dynamics.constitutive.tables import DEGREE, FIT, NODES, Table
 from drillenv.dynamics.effects import REGISTRY
 from drillenv.dynamics.forms import Form
@@ -26,6 +35,8 @@ from drillenv.dynamics.hybrid.shooting import Shot
 
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
+COUPLING = (SPRING, SPRING_FROM_REST, DAMPER)
+"""Places of the laws by which coordinates of the coupling are counted: see :mod:`drillenv.diagnosis.coupling`."""
 
 
 class Column(NamedTuple):
@@ -40,6 +51,8 @@ class Column(NamedTuple):
     law: int = -1
     pieces: Floats | None = None
     """By what the pieces of an equation's law change, of this number among the model's."""
+    drawn: Floats | None = None
+    """(GRID,) the same of one of the coupling, at a place: coordinates of spring and damper are forces."""
 
 
 SensitivityColumn = tuple[Column, dict[int, float]]
@@ -104,16 +117,28 @@ def equation_tables(
     return tuple(law_table(REGISTRY[effect], name, p, stiffness) for name in names if name in REGISTRY[effect].laws)
 
 
-def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> list[Floats]:
-    """(pieces, DEGREE + 1) by what each of the tables changes from an equation and a stiffness to others."""
+class EquationChange(NamedTuple):
+    """What one of the tables of an equation changes by."""
+
+    place: int
+    pieces: Floats
+    """(pieces, DEGREE + 1)"""
+    drawn: Floats | None
+    """(GRID,) the same as a curve on the place's axis, of a law of the coupling."""
+
+
+def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> list[EquationChange]:
+    """By what each of the tables changes from an equation and a stiffness to others."""
     found = []
     for place, _over, table in equation_tables(law.effect, law.form, law.parameters, stiffness):
         given = REGISTRY[law.effect].laws[PLACES[place].name]
         shape = shape_of(given).law
         middle, half = 0.5 * (table.knots[1:] + table.knots[:-1]), 0.5 * np.diff(table.knots)
-        x = (middle[:, None] + half[:, None] * np.clip(NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
+        inside = (middle[:, None] + half[:, None] * np.clip(NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
+        x = np.concatenate([inside, law.axes.points(place)])
         change = shape(x, other.parameters, beside) - shape(x, law.parameters, stiffness)
-        found.append(change.reshape(len(half), -1) @ FIT.T)
+        pieces = change[: inside.size].reshape(len(half), -1) @ FIT.T
+        found.append(EquationChange(place, pieces, change[inside.size :] if place in COUPLING else None))
     return found
 
 

@@ -21,12 +21,12 @@ from drillenv.diagnosis.coupling import (
 from drillenv.diagnosis.drill_states import better_from_steady_motion, with_other_states_going_on
 from drillenv.diagnosis.drill_unknowns import MASSES, first_states, resized, states_under
 from drillenv.diagnosis.fitting import RELAXED, TIGHT
-from drillenv.diagnosis.laws import Curve, axes_of, families, on_axes, reparametrise_to_nominal, wider
+from drillenv.diagnosis.laws import Curve, axes_of, equations, families, on_axes, reparametrise_to_nominal, wider
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.sinusoids import KINDS
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.dynamics.constitutive.places import SPRING, SPRING_FROM_REST
+from drillenv.dynamics.constitutive.places import DAMPER, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_A, F_B, OWN, K, Y
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
 
@@ -127,6 +127,34 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
     # the steps of the engine adapt: a difference of costs has their error in it
     monkeypatch.setattr(drill, "TOLERANCE", 1e-10)
     check_derivatives(*with_law(plain, group))
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "values"),
+    [
+        (SPRING, "stiffness-hardening: cubic", (3e9,)),
+        (SPRING, "force-limit: gradual spring", (400.0,)),
+        (SPRING_FROM_REST, "backlash: rounded ends", (3e-4, -1e-4, 4e-5)),
+        (SPRING_FROM_REST, "backlash: less stiff over the play", (3e-4, -1e-4, 0.4)),
+        (DAMPER, "damping-quadratic: quadratic", (400.0,)),
+    ],
+)
+def test_derivatives_beside_an_equation_of_the_coupling(plain, place, name, values, monkeypatch):
+    monkeypatch.setattr(drill, "TOLERANCE", 1e-10)
+    block, shared, own = with_law(plain, "spring")
+    (equation,) = (each for each in equations([place], []) if each.name == name)
+    terms = (*block.structure.terms[:-1], equation)
+    block = replace(block, structure=replace(block.structure, terms=terms, axes=wider(block.structure.axes)))
+    shared = np.append(plain[1], np.array(values) / equation.scales)
+    own = block.estimate_states(shared, own, 4)
+    # where windows begin at their best, what the law makes of their coordinates changes nothing
+    own[: block.windows * block.state_count(own)] += 0.1 * np.random.default_rng(0).normal(size=block.windows * MASSES)
+    found = block.quadratic(shared, own)
+    for i in (2, 3, *range(shared.size - len(values), shared.size)):
+        step = np.zeros(shared.size)
+        step[i] = 1e-4
+        difference = (block.cost(shared + step, own) - block.cost(shared - step, own)) / 2e-4
+        assert found.by_shared[i] == pytest.approx(difference, rel=0.02, abs=5.0), block.structure.unknowns[i].name
 
 
 def test_derivatives_beside_a_mass_that_moves_in_contact_only(plain, monkeypatch):

@@ -78,7 +78,7 @@ class Bench:
     def run(self, model, columns=(), rtol=1e-10):
         """What the engine says: force and acceleration, and their derivatives."""
         data = self.data
-        made = assembled(model, self.axes, data.omega, [each.place for each in columns if each.place >= 0])
+        made = assembled(model, self.axes, data.omega, [each.place for each in columns if each.change is not None])
         varied = np.zeros((len(self.begin), len(columns), V.OWN))
         windows = Windows(data.starts, self.begin.copy(), varied, data.rate, data.phase, 0.0, 0.0, UNCHAINED, 1, 0.0)
         return shot(made, windows, columns_of(columns, model, self.axes, made, 0), rtol)
@@ -186,7 +186,7 @@ def test_a_law_of_the_contact_that_changes_too_fast_is_refused(bench, place):
         ("contact-toe", (2e-5, 0.2, 0.5), 0, 1e-5),
         # so small a step that its corner crosses no grid point of the table
         ("force-limit", (250.0, 300.0), 0, 1e-7),
-        ("backlash", (4e-4, -1e-4), 0, 1e-5),
+        ("backlash", (4e-4, -1e-4, 0.0, 0.0), 0, 1e-5),
         ("damping-quadratic", (600.0,), 0, 1e-5),
         ("rock-compaction", (0.3, 20.0, 0.0), 1, 1e-5),
     ],
@@ -206,7 +206,7 @@ def test_derivatives_by_parameters_of_equations(bench, name, p, j, share):
     ahead, behind = (tuple(v + (way * step if i == j else 0.0) for i, v in enumerate(p)) for way in (1.0, -1.0))
     k = float(bench.model.s[V.K])
     changes = equation_change(law(p), law(ahead), k, k)
-    columns = [Column(int(LAW), law=i, pieces=pieces / step) for i, pieces in enumerate(changes)]
+    columns = [Column(int(LAW), law=i, pieces=each.pieces / step) for i, each in enumerate(changes)]
     found = bench.run(at(p), columns).by_column.sum(axis=0)
     difference = (bench.run(at(ahead)).signals - bench.run(at(behind)).signals) / (2.0 * step)
     assert apart(bench, found, difference) < 5e-3

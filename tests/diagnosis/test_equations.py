@@ -50,7 +50,7 @@ def test_a_form_names_parameters_and_starts_within_their_bounds(name, form):
         p = parameters_of(name, form, start)
         assert set(scalars_of(name, p)) >= numbers
         for place in places:
-            x = KNOTS_AT[PLACES[place].name]
+            x = KNOTS_AT.get(PLACES[place].name, np.linspace(-1e-4, 1e-4, 64))
             assert curve_at(name, p, place, x, AROUND).shape == x.shape
 
 

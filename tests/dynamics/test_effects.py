@@ -474,6 +474,12 @@ def test_effects_on_a_body_are_their_equations():
     assert np.allclose(
         spring.effect.on_body(x, v, applied, k, spring.values), k * x - np.clip(k * x, -30, 30), rtol=1e-12, atol=1e-12
     )
+    gradual = make("force-limit", F_g=30.0)
+    lost = k * x - 30 * np.sin(np.arctan(k * x / 30))
+    assert np.allclose(gradual.effect.on_body(x, v, applied, k, gradual.values), lost, rtol=1e-12, atol=1e-12)
+    worn = make("backlash", g=5e-3, y0=-2e-3, rg=0.3)
+    lost = 0.7 * expected["backlash"]
+    assert np.allclose(worn.effect.on_body(x, v, applied, k, worn.values), lost, rtol=1e-12, atol=1e-12)
     values = {
         "stiffness-hardening": {"k3": 3e8},
         "force-limit": {"F_max": 80.0},

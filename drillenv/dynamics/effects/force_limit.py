@@ -11,9 +11,15 @@ STEEPEST = 1e9
 """N/s: at this slew rate, the bound, nothing is limited."""
 
 
+def _held(spring, p):
+    """Force in N of a spring, of that which it would have without a limit."""
+    gradual = spring if p[4] >= NONE else spring / np.hypot(1.0, spring / p[4])
+    return np.clip(gradual, -p[1], p[1])
+
+
 def _on_body(position, velocity, applied, stiffness, p):
     spring = stiffness * position
-    return np.clip(applied, -p[0], p[0]) - applied - (np.clip(spring, -p[1], p[1]) - spring)
+    return np.clip(applied, -p[0], p[0]) - applied - (_held(spring, p) - spring)
 
 
 def _drive_law(asked, p, stiffness):
@@ -22,7 +28,7 @@ def _drive_law(asked, p, stiffness):
 
 def _spring_law(shortening, p, stiffness):
     force = stiffness * shortening
-    return np.clip(force, -p[1], p[1]) - force
+    return _held(force, p) - force
 
 
 def _scalars(p):
@@ -35,8 +41,8 @@ EFFECT = Effect(
     sentence="The drive, or the spring, cannot push or pull harder than a certain force.",
     equation=(
         "drive force min(max(F_a sin(theta), -F_max), F_max), which it follows tau_f late and no faster than by S_max, "
-        "from 0 on where the rig begins at rest; spring force min(max(k (X1 - X2), -F_s), F_s); on a body the applied "
-        "force and k position likewise, without S_max"
+        "from 0 on where the rig begins at rest; spring force min(max(s, -F_s), F_s), s = f / sqrt(1 + (f / F_g)^2), "
+        "f = k (X1 - X2); on a body the applied force and k position likewise, without S_max"
     ),
     source="constitutive",
     parameters=(
@@ -44,6 +50,7 @@ EFFECT = Effect(
         Parameter("F_s", "largest force of the spring", "N", 1.0, NONE, NONE, (NONE, NONE)),
         Parameter("S_max", "slew rate of the drive", "N/s", 1.0, STEEPEST, STEEPEST, (STEEPEST, STEEPEST)),
         Parameter("tau_f", "delay of a drive whose slew rate is limited", "s", 0.0, 1e-3, 0.0, (0.0, 0.0)),
+        Parameter("F_g", "force that a spring nears gradually", "N", 1.0, NONE, NONE, (NONE, NONE)),
     ),
     balances=("indenter", "body"),
     regimes=EVERYWHERE,
@@ -57,6 +64,7 @@ EFFECT = Effect(
     forms=(
         Form("clipped", ("F_max",), ((200.0,), (280.0,), (380.0,))),
         Form("clipped spring", ("F_s",), ((150.0,), (230.0,))),
+        Form("gradual spring", ("F_g",), ((300.0,), (600.0,))),
         Form("limited slew rate", ("S_max", "tau_f"), ((1.5e5, 2e-5), (2.5e5, 2e-5), (3.5e5, 2e-5))),
     ),
     body_forms=(

@@ -232,6 +232,7 @@ class Peer:
         self.air = lambda lost, v1: 0.0
         """How fast the cylinder loses force, in N/s."""
         self.mount = None
+        """(compliance, mass, damping ratio, force by the deflection)."""
         self.factor_at = lambda t, impacts, drilled: 1.0
         self.grips = (0.0, 0.0)
         self.bristles = [None, None]
@@ -301,9 +302,9 @@ class Peer:
                   zip((one, two), self.slides, self.grips, (self.m1, self.m2), strict=True))  # fmt: skip
         face_bend, rock_rate = 0.0, 0.0
         if self.mount is not None:
-            compliance, mass, ratio = self.mount
+            compliance, mass, ratio, held = self.mount
             face_bend = (
-                rock - z[FACE] / compliance - 2.0 * ratio * math.sqrt(mass / compliance) * z[FACE_SPEED]
+                rock - held(z[FACE]) - 2.0 * ratio * math.sqrt(mass / compliance) * z[FACE_SPEED]
             ) / mass
         if self.regime != FREE and isinstance(self.contact, Tangent):
             rock_rate = self.contact.rate(z[ROCK_FORCE]) * (z[V2] - z[FACE_SPEED])

@@ -71,11 +71,27 @@ def enclosed_gas(peer, g_a, tau):
     peer.air = rate
 
 
-def backlash(peer, g, y0):
-    """Spring force F_b + k (d - clip(d - y0, 0, g)), d = y - F_b / k."""
+def backlash(peer, g, y0, rg=0.0):
+    """Three straight lines: stiffness k, over the play rg k, and k again."""
     k, f_b = peer.k, peer.f_b
     begins = f_b / k + y0
-    peer.spring = Bent([begins, begins + g], [lambda y: k * y, lambda y: f_b + k * y0, lambda y: k * (y - g)])
+    lines = [
+        lambda y: k * y,
+        lambda y: f_b + k * y0 + rg * k * (y - begins),
+        lambda y: k * (y - (1.0 - rg) * g),
+    ]
+    peer.spring = Bent([begins, begins + g], lines)
+
+
+def rounded_backlash(peer, g, y0, wg):
+    """The slope of the spring falls over wg at one end of the play and rises again over wg at the other."""
+    k, f_b = peer.k, peer.f_b
+
+    def force(y):
+        a, b = y - f_b / k - y0, y - f_b / k - y0 - g
+        return k * y - 0.5 * k * (g + math.hypot(a, wg) - math.hypot(b, wg))
+
+    peer.spring = force
 
 
 def power_law(peer, n):
@@ -128,6 +144,10 @@ def slew_rate_limit(peer, S_max, tau_f=0.0):
     peer.wave = Ramped(peer.f_a, peer.omega, S_max, tau_f, PERIODS * peer.period)
 
 
+def gradual_spring(peer, F_g):
+    peer.spring = lambda y: peer.k * y * F_g / math.hypot(F_g, peer.k * y)
+
+
 def force_limit(peer, F_max=None, F_s=None):
     if F_max is not None:
         peer.drive = clipped(-F_max, F_max)
@@ -165,8 +185,8 @@ def compaction_by_depth(peer, soft, soft_l):
     peer.factor_at = lambda t, impacts, drilled: 1.0 - soft * math.exp(-drilled / soft_l)
 
 
-def rock_mount(peer, s_r, m_r, zeta_r):
-    peer.mount = (s_r, m_r, zeta_r)
+def rock_mount(peer, s_r, m_r, zeta_r, e_r=0.0):
+    peer.mount = (s_r, m_r, zeta_r, lambda u: (u + e_r**2 * u**3) / s_r)
 
 
 def rock_rotation(peer, eps, Omega, psi):
@@ -182,6 +202,8 @@ EQUATIONS = [
     Case("air-spring", {"k_a": 8.5e4, "tau": 0.3}, air_spring),
     Case("air-spring", {"g_a": 300.0, "tau": 0.2}, enclosed_gas, name="air-spring-gas"),
     Case("backlash", {"g": 6e-4, "y0": -5e-5}, backlash, AT_95),
+    Case("backlash", {"g": 5e-4, "y0": -5e-5, "rg": 0.45}, backlash, AT_95, "backlash-less-stiff"),
+    Case("backlash", {"g": 5e-4, "y0": -5e-5, "wg": 4e-5}, rounded_backlash, AT_95, "backlash-rounded"),
     Case("contact-power-law", {"n": 1.35}, power_law),
     Case("contact-power-law", {"n": 1.35}, power_law, AT_110, "contact-power-law-at-110"),
     Case("contact-power-law", {"n": 0.8}, power_law, AT_110, "contact-power-law-below-1"),
@@ -196,6 +218,7 @@ EQUATIONS = [
     Case("external-vibration", {"F1": 155.0, "F2": 2.25, "f": 32.5, "psi": 0.4}, external_vibration),
     Case("force-limit", {"F_max": 275.0}, force_limit),
     Case("force-limit", {"F_s": 230.0}, force_limit, name="force-limit-of-the-spring"),
+    Case("force-limit", {"F_g": 500.0}, gradual_spring, AT_95, "force-limit-of-the-spring-gradual"),
     Case("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}, slew_rate_limit, name="force-limit-of-the-slope"),
     Case("force-limit", {"S_max": 1.5e5}, slew_rate_limit, AT_95, "force-limit-ramps-alone"),
     Case("guide-friction", {"fc1": 47.5}, guide_friction),
@@ -227,6 +250,8 @@ EQUATIONS = [
     Case("rock-compaction", {"soft": 0.375, "soft_n": 42.0}, rock_compaction, AT_95),
     Case("rock-compaction", {"soft": 0.375, "soft_l": 3e-4}, compaction_by_depth, name="rock-compaction-by-depth"),
     Case("rock-mount-compliance", {"s_r": 2.75e-8, "m_r": 55.0, "zeta_r": 0.11}, rock_mount),
+    Case("rock-mount-compliance", {"s_r": 5e-8, "m_r": 55.0, "zeta_r": 0.11, "e_r": 2e4}, rock_mount, AT_95,
+         "rock-mount-compliance-stiffening"),
     Case("rock-rotation", {"eps": 0.155, "Omega": 10.0, "psi": 0.5}, rock_rotation),
     Case("stiffness-hardening", {"k3": 6e9}, hardening, AT_95),
 ]
