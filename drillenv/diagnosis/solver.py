@@ -102,8 +102,14 @@ class Fit:
 
     @property
     def covariance(self) -> Floats:
-        """(k, k) of the shared parameters."""
-        return np.asarray(np.linalg.pinv(self.hessian, hermitian=True), dtype=float)
+        """(k, k) of the shared parameters.
+
+        Of one that the data say nothing of, what its bounds say: the variance of a uniform distribution.
+        """
+        width = self.priors.high - self.priors.low
+        bounded = np.isfinite(width) & (width > 0.0)
+        within = np.divide(12.0, width**2, out=np.zeros_like(width), where=bounded)
+        return np.asarray(np.linalg.pinv(self.hessian + np.diag(within), hermitian=True), dtype=float)
 
 
 class Limits(NamedTuple):

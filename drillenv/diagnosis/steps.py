@@ -74,6 +74,8 @@ def add_step(steps: list[Step], step: Step) -> None:
         step.steps_when_tried = len(steps)
     else:
         corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
+        # beside what corrected the equation, one may follow the law after all
+        corrected.steps_when_tried = 0
 
 
 def gain_of_others(steps: Sequence[Step], step: Step, fitted: Fitted) -> float:
@@ -183,10 +185,24 @@ def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = Fals
         # impacts magnify what laws change by as they are drawn over other ranges
         as_they_were = before.refit(limits=limits, noise=noise)
         other = min(other, as_they_were, key=lambda each: each.reduced_chi_square)
+    if named.equation is not None:
+        other = as_close_as_it_comes(other)
     form = named.equation.name if named.equation else "fitted" if family.constant else "measured"
     say(f"  {named.mechanism}, {form}: chi-square {other.reduced_chi_square:.4f}")
     provisional = named.equation is not None and not close
     return replace(step, after=other, named=named, terms=terms, pending=False, provisional=provisional, coarse=coarse)
+
+
+def as_close_as_it_comes(fitted: Fitted) -> Fitted:
+    """A fit of a model that is far off, gone on with as long as short fits take away a part of what it leaves.
+
+    An equation of few parameters, begun far from its minimum, is itself what is missing.
+    """
+    left = math.inf
+    while fitted.reduced_chi_square > CLOSE and fitted.cost - 0.5 * fitted.residual_dof < (1.0 - LAW_LEFT) * left:
+        left = fitted.cost - 0.5 * fitted.residual_dof
+        fitted = tighten_continuity(fitted.refit(limits=SHORT))
+    return fitted
 
 
 def drawn_sharper(step: Step, say: Say) -> Step:
@@ -307,21 +323,36 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
     no more than that mechanism has gained.
     """
     for i, step in enumerate(steps):
-        names = {each.name for each in step.family.terms}
-        measured = step.named.equation is None and not step.corrects and names == {each.name for each in step.terms}
+        measured = step.named.equation is None and not step.corrects
         if not measured or step.family.constant or step.steps_when_tried == len(steps):
             continue
         lacked = min((each.worse for each in step.named.tried), default=0.0)
         step.steps_when_tried = len(steps)
         if lacked * fitted.samples / step.samples > gain_of_others(steps, step, fitted):
             continue
-        family = replace(step.family, terms=fitted.structure.current(step.family.terms))
-        named, other = name_law(fitted, family, step.gain, say)
+        if {each.name for each in step.family.terms} == {each.name for each in step.terms}:
+            family = replace(step.family, terms=fitted.structure.current(step.family.terms))
+            named, other = name_law(fitted, family, step.gain, say)
+        else:
+            named, other = without_correction(fitted, step)
         if named.equation is not None:
             say(f"  {named.mechanism}, {named.equation.name}: chi-square {other.reduced_chi_square:.4f}")
             steps[i] = replace(step, after=other, named=named, terms=(named.equation,))
             return other
     return None
+
+
+def without_correction(fitted: Fitted, step: Step) -> tuple[Named, Fitted]:
+    """An equation without the free laws that correct it, where it does as well; or both as they were.
+
+    A minimum that it was caught in, they have led it out of.
+    """
+    equation, *laws = fitted.structure.current(step.terms)
+    other = fitted.refit(*without(fitted, laws), states_first=True)
+    freedom = sum(len(each.unknowns) for each in laws)
+    if not does_as_well(other.cost - fitted.cost, step.gain, freedom, fitted):
+        return step.named, fitted
+    return replace(step.named, equation=equation, mechanism=equation.effect), other
 
 
 def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:

@@ -178,6 +178,14 @@ def test_a_steep_unknown_does_not_hold_back_the_others():
     assert np.allclose(cho_solve(factor(part, 0.0), part.by_own), 1.0, rtol=1e-6)
 
 
+def test_what_data_do_not_tell_is_anywhere_within_its_bounds():
+    """As the end of a play that no motion comes to: it is not known exactly."""
+    noise = np.random.default_rng(5).normal(0.0, 1.0, 400)
+    within = Priors(np.zeros(2), np.zeros(2), np.array([-np.inf, 1.0]), np.array([np.inf, 4.0]))
+    found = minimise([Residuals(lambda p, x: p[0] - 3.0 + noise)], np.array([0.0, 2.0]), [np.zeros(0)], within)
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([0.05, 3.0 / math.sqrt(12.0)], rel=1e-6)
+
+
 def test_over_dispersion_makes_priors_weightier():
     rng = np.random.default_rng(5)
     noise = rng.normal(0.0, 10.0, 400)
