@@ -302,7 +302,7 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
         resonant = [each for each in resonant if each.gain >= NEAR * promised]
     if resonant:
         found = refine_candidates(fitted, resonant, say, promised, fits[0][1] if fits else None)
-        fits = sorted([*fits, *of_some_strength(found, fits, say)], key=lambda pair: penalised(*pair, fitted))
+        fits = sorted([*fits, *of_some_strength(found, fits, fitted, say)], key=lambda pair: penalised(*pair, fitted))
     fits = [(each, other) for each, other in fits if is_material(each.family, other)]
     if not fits:
         return None
@@ -346,16 +346,17 @@ Fits = Sequence[tuple[Score, Fitted]]
 """Families with a fit of each, the best first."""
 
 
-def of_some_strength(found: Fits, fits: Fits, say: Say) -> Fits:
+def of_some_strength(found: Fits, fits: Fits, fitted: Fitted, say: Say) -> Fits:
     """Those ``found`` whose families, which have states of their own, have a strength as well.
 
-    The states, which begin anywhere near rest, gain something even where it has none. In a model that is far off the
-    Wald test's quadratic says little: the one that would come before all other ``fits`` is put to the likelihood ratio.
+    The states, which begin anywhere near rest, gain something even where it has none. In a model that is far off, and
+    where the strength is hardly told from another parameter, the Wald test's quadratic says little: the one that would
+    come before all other ``fits`` is put to the likelihood ratio.
     """
     shown = [(each, other) for each, other in found if strength_shows(each.family, other)]
-    others = [other.cost for _, other in (*fits, *shown)]
+    first = min((penalised(*pair, fitted) for pair in (*fits, *shown)), default=math.inf)
     for each, other in found:
-        if other.cost < min(others, default=math.inf) and not strength_shows(each.family, other):
+        if penalised(each, other, fitted) < first and not strength_shows(each.family, other):
             gain = gain_of_strength(each.family, other)
             say(f"  {each.family.name}: its strength gains {gain:.1f} over its states alone")
             return [(each, other), *shown] if gain > 0.5 * float(chi2.isf(FALSE_ALARMS, 1)) else shown

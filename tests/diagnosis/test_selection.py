@@ -374,16 +374,24 @@ def test_states_of_its_own_are_no_evidence_of_a_mechanism(strength, shows):
 
 @pytest.mark.parametrize(
     ("others", "shown", "gain", "kept"),
-    [((), False, 200.0, True), ((), False, 2.0, False), ((80.0,), False, 200.0, False), ((80.0,), True, 0.0, True)],
+    [
+        ((), False, 200.0, True),
+        ((), False, 2.0, False),
+        ((80.0,), False, 200.0, False),
+        ((80.0,), True, 0.0, True),
+        # by as little as its parameters are fewer
+        ((88.0,), False, 200.0, True),
+    ],
 )
 def test_a_strength_that_does_not_show_is_put_to_the_likelihood_ratio_where_it_would_come_first(
     monkeypatch, others, shown, gain, kept
 ):
     monkeypatch.setattr(selection, "strength_shows", lambda *_: shown)
     monkeypatch.setattr(selection, "gain_of_strength", lambda *_: gain)
-    found: Any = [(Fake(family=Fake(name="mount 40 Hz")), Fake(cost=90.0))]
-    there: Any = [(Fake(family=Fake(name="damper")), Fake(cost=cost)) for cost in others]
-    assert list(selection.of_some_strength(found, there, lambda _: None)) == (found if kept else [])
+    found: Any = [(Fake(family=Fake(name="mount 40 Hz"), size=3), Fake(cost=90.0))]
+    there: Any = [(Fake(family=Fake(name="damper"), size=6), Fake(cost=cost)) for cost in others]
+    fitted: Any = Fake(samples=100)
+    assert list(selection.of_some_strength(found, there, fitted, lambda _: None)) == (found if kept else [])
 
 
 @pytest.mark.parametrize(
