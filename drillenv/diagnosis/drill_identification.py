@@ -30,7 +30,15 @@ from drillenv.diagnosis.sensing import ACCELEROMETER, RESPONSES, Sensor, respons
 from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.tables import GRID, Axes
 from drillenv.diagnosis.terms import Model, Term
-from drillenv.dynamics.constitutive.places import DRIVE, LOADING, MOUNT_SPRING, RATE_FACTOR, RATE_FORCE, SPRING, UNLOADING
+from drillenv.dynamics.constitutive.places import (
+    DRIVE,
+    LOADING,
+    MOUNT_SPRING,
+    RATE_FACTOR,
+    RATE_FORCE,
+    SPRING,
+    UNLOADING,
+)
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.dynamics.hybrid import vector_field as V
 

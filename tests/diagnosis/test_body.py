@@ -18,6 +18,7 @@ from drillenv.diagnosis.body import ForceBalance, autoregression, columns_of, eq
 from drillenv.diagnosis.body_channels import _long, _widened, prepare
 from drillenv.diagnosis.body_diagnosis import begin, diagnose_body, stretches_of
 from drillenv.diagnosis.body_rig import BodyRig, Scale, law_of_body
+from drillenv.diagnosis.equations import parameters_of
 from drillenv.diagnosis.laws import HARDENING, SATURATING, Curve, kinds_of_spring
 from drillenv.diagnosis.tables import GRID
 from drillenv.dynamics.constitutive.places import DRIVE, SPRING
@@ -560,7 +561,8 @@ def test_the_drives_curve_is_the_library_s_equation(balance):
     x = axes.points(DRIVE)
     curve = Curve("curve", (), DRIVE, (np.clip(x, -level, level) - x)[None])
     by_curve = columns_of(curve, body, axes)[0]
-    by_equation = equation_force("force-limit", (level, 1e6), body, 1.0)
+    clipped = parameters_of("force-limit", REGISTRY["force-limit"].body_forms[0], (level,))
+    by_equation = equation_force("force-limit", clipped, body, 1.0)
     assert np.std(by_equation) > 0.0
     np.testing.assert_allclose(by_curve, by_equation, atol=1e-3 * np.ptp(by_equation))
 

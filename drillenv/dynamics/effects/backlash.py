@@ -35,8 +35,8 @@ EFFECT = Effect(
         "d = X1 - X2 - F_b / k, the deflection beyond that at rest; on a body d is the position and there is no F_b"
     ),
     source=(
-        "S. W. Shaw, P. J. Holmes, A periodically forced piecewise linear oscillator, Journal of Sound and Vibration 90 "
-        "(1983) 129-155, doi:10.1016/0022-460X(83)90407-8; T. C. Kim, T. E. Rook, R. Singh, Effect of smoothening "
+        "S. W. Shaw, P. J. Holmes, A periodically forced piecewise linear oscillator, Journal of Sound and Vibration "
+        "90 (1983) 129-155, doi:10.1016/0022-460X(83)90407-8; T. C. Kim, T. E. Rook, R. Singh, Effect of smoothening "
         "functions on the frequency response of an oscillator with clearance non-linearity, Journal of Sound and "
         "Vibration 263 (2003) 665-678"
     ),

@@ -35,8 +35,7 @@ EFFECT = Effect(
     sentence="The rock sits on a mount that gives under the blows, and swings back.",
     equation=(
         "m_r u'' = R - h, h = d / s_r (1 + (e_r d)^2) + 2 zeta_r sqrt(m_r / s_r) d', d = u - b, the rock law acting on "
-        "X2 - u; "
-        "m_b b'' = h - b / s_b - 2 zeta_b sqrt(m_b / s_b) b', b = 0 where s_b = 0"
+        "X2 - u; m_b b'' = h - b / s_b - 2 zeta_b sqrt(m_b / s_b) b', b = 0 where s_b = 0"
     ),
     source=(
         "constitutive; the stiffening G. Duffing, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz und ihre "
@@ -49,7 +48,9 @@ EFFECT = Effect(
         Parameter("m_b", "mass of the bed under the mount", "kg", 0.1, 1e5, 100.0, (100.0, 100.0)),
         Parameter("s_b", "compliance of what that stands on", "m/N", 0.0, 1e-5, 0.0, (0.0, 0.0)),
         Parameter("zeta_b", "damping ratio of that", "1", 0.0, 2.0, 0.05, (0.05, 0.05)),
-        Parameter("e_r", "one over the deflection at which the mount is twice as stiff", "1/m", 0.0, 1e6, 0.0, (0.0, 0.0)),
+        Parameter(
+            "e_r", "one over the deflection that doubles the mount's stiffness", "1/m", 0.0, 1e6, 0.0, (0.0, 0.0)
+        ),
     ),
     balances=("contact",),
     regimes=EVERYWHERE,

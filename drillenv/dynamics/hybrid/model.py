@@ -116,6 +116,10 @@ def law_table(effect: Effect, name: str, values: tuple[float, ...], stiffness: f
         return np.maximum(found, -1.0) if CODE[name] == places.RATE_FACTOR else found
 
     knots = toward_zero(place.high) if isinstance(given, Shape) else []
+    if CODE[name] == places.MOUNT_SPRING:
+        # it gives by a hundredth of its range or less, where a cubic of the whole range has lost its digits
+        near = toward_zero(place.high)[:4]
+        knots = [*near, *(-each for each in near)]
     return CODE[name], OVER.index(shape.over), tabulate(law, place.low, place.high, knots)
 
 

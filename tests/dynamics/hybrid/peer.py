@@ -303,9 +303,7 @@ class Peer:
         face_bend, rock_rate = 0.0, 0.0
         if self.mount is not None:
             compliance, mass, ratio, held = self.mount
-            face_bend = (
-                rock - held(z[FACE]) - 2.0 * ratio * math.sqrt(mass / compliance) * z[FACE_SPEED]
-            ) / mass
+            face_bend = (rock - held(z[FACE]) - 2.0 * ratio * math.sqrt(mass / compliance) * z[FACE_SPEED]) / mass
         if self.regime != FREE and isinstance(self.contact, Tangent):
             rock_rate = self.contact.rate(z[ROCK_FORCE]) * (z[V2] - z[FACE_SPEED])
         bent = [self.bending(mass, z) for mass in range(2)]

@@ -250,8 +250,13 @@ EQUATIONS = [
     Case("rock-compaction", {"soft": 0.375, "soft_n": 42.0}, rock_compaction, AT_95),
     Case("rock-compaction", {"soft": 0.375, "soft_l": 3e-4}, compaction_by_depth, name="rock-compaction-by-depth"),
     Case("rock-mount-compliance", {"s_r": 2.75e-8, "m_r": 55.0, "zeta_r": 0.11}, rock_mount),
-    Case("rock-mount-compliance", {"s_r": 5e-8, "m_r": 55.0, "zeta_r": 0.11, "e_r": 2e4}, rock_mount, AT_95,
-         "rock-mount-compliance-stiffening"),
+    Case(
+        "rock-mount-compliance",
+        {"s_r": 5e-8, "m_r": 55.0, "zeta_r": 0.11, "e_r": 2e4},
+        rock_mount,
+        AT_95,
+        "rock-mount-compliance-stiffening",
+    ),
     Case("rock-rotation", {"eps": 0.155, "Omega": 10.0, "psi": 0.5}, rock_rotation),
     Case("stiffness-hardening", {"k3": 6e9}, hardening, AT_95),
 ]
