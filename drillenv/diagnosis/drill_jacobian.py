@@ -61,6 +61,8 @@ def linearised(block: ShootingProblem, shared: Floats, own: Floats, fixed: bool 
     model = block.structure.model(values, block.point)
     first = len(block.structure.terms) if fixed else 0
     columns, mixing = with_columns_of_labels(*elementary(block, values, model, first), model)
+    # the pressure is the label's, which is off by a share of it
+    mixing[[each.kind == F_B for each in columns]] *= block.labelled(own, model).s[F_B] / model.s[F_B]
     varied = variations(block, own, model, columns)
     raw = block.integrate(model, own, varied)
     residual, defects = block.residual(values, raw.signals, own), block.defects(raw, kept)

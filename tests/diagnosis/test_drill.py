@@ -149,8 +149,10 @@ def test_derivatives_beside_an_equation_of_the_coupling(plain, place, name, valu
     own = block.estimate_states(shared, own, 4)
     # where windows begin at their best, what the law makes of their coordinates changes nothing
     own[: block.windows * block.state_count(own)] += 0.1 * np.random.default_rng(0).normal(size=block.windows * MASSES)
+    # a pressure that is off its label
+    own[block.windows * block.state_count(own)] = 10.0
     found = block.quadratic(shared, own)
-    for i in (2, 3, *range(shared.size - len(values), shared.size)):
+    for i in (2, 3, 5, *range(shared.size - len(values), shared.size)):
         step = np.zeros(shared.size)
         step[i] = 1e-4
         difference = (block.cost(shared + step, own) - block.cost(shared - step, own)) / 2e-4
