@@ -35,6 +35,8 @@ from drillenv.dynamics.hybrid.shooting import Shot
 
 INWARD = 1e-6
 """Share of its half by which a piece's ends are drawn inward, where a law's change may jump."""
+NEARER = 1e-4
+"""Share of a step by which a law's change is taken: corners move with parameters, and by less than ``INWARD``."""
 COUPLING = (SPRING, SPRING_FROM_REST, DAMPER)
 """Places of the laws by which coordinates of the coupling are counted: see :mod:`drillenv.diagnosis.coupling`."""
 
@@ -128,7 +130,9 @@ class EquationChange(NamedTuple):
 
 
 def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> list[EquationChange]:
-    """By what each of the tables changes from an equation and a stiffness to others."""
+    """By what each of the tables changes from an equation and a stiffness to others, which are next to these."""
+    pairs = zip((*law.parameters, stiffness), (*other.parameters, beside), strict=True)
+    *ahead, stiffer = (one + NEARER * (two - one) for one, two in pairs)
     found = []
     for place, _over, table in equation_tables(law.effect, law.form, law.parameters, stiffness):
         given = REGISTRY[law.effect].laws[PLACES[place].name]
@@ -136,7 +140,7 @@ def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> li
         middle, half = 0.5 * (table.knots[1:] + table.knots[:-1]), 0.5 * np.diff(table.knots)
         inside = (middle[:, None] + half[:, None] * np.clip(NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
         x = np.concatenate([inside, law.axes.points(place)])
-        change = shape(x, other.parameters, beside) - shape(x, law.parameters, stiffness)
+        change = (shape(x, tuple(ahead), stiffer) - shape(x, law.parameters, stiffness)) / NEARER
         pieces = change[: inside.size].reshape(len(half), -1) @ FIT.T
         found.append(EquationChange(place, pieces, change[inside.size :] if place in COUPLING else None))
     return found

@@ -26,7 +26,7 @@ from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.sinusoids import KINDS
 from drillenv.diagnosis.sinusoids import family as at_frequency
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
-from drillenv.dynamics.constitutive.places import DAMPER, SPRING, SPRING_FROM_REST
+from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, SPRING, SPRING_FROM_REST
 from drillenv.dynamics.hybrid.vector_field import F_A, F_B, OWN, K, Y
 from tests.diagnosis.test_diagnose import campaign_with, nominal_block
 
@@ -132,6 +132,8 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
 @pytest.mark.parametrize(
     ("place", "name", "values"),
     [
+        (DRIVE, "force-limit: clipped", (280.0,)),
+        (SPRING, "force-limit: clipped spring", (150.0,)),
         (SPRING, "stiffness-hardening: cubic", (3e9,)),
         (SPRING, "force-limit: gradual spring", (400.0,)),
         (SPRING_FROM_REST, "backlash: rounded ends", (3e-4, -1e-4, 4e-5)),
@@ -139,7 +141,7 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
         (DAMPER, "damping-quadratic: quadratic", (400.0,)),
     ],
 )
-def test_derivatives_beside_an_equation_of_the_coupling(plain, place, name, values, monkeypatch):
+def test_derivatives_beside_an_equation_with_corners_or_of_the_coupling(plain, place, name, values, monkeypatch):
     monkeypatch.setattr(drill, "TOLERANCE", 1e-10)
     block, shared, own = with_law(plain, "spring")
     (equation,) = (each for each in equations([place], []) if each.name == name)

@@ -184,8 +184,7 @@ def test_a_law_of_the_contact_that_changes_too_fast_is_refused(bench, place):
     [
         ("contact-power-law", (1.3,), 0, 1e-5),
         ("contact-toe", (2e-5, 0.2, 0.5), 0, 1e-5),
-        # so small a step that its corner crosses no grid point of the table
-        ("force-limit", (250.0, 300.0), 0, 1e-7),
+        ("force-limit", (250.0, 300.0), 0, 1e-5),
         ("backlash", (4e-4, -1e-4, 0.0, 0.0), 0, 1e-5),
         ("damping-quadratic", (600.0,), 0, 1e-5),
         ("rock-compaction", (0.3, 20.0, 0.0), 1, 1e-5),
