@@ -23,6 +23,7 @@ from drillenv.dynamics.constitutive.places import (
     GUIDE,
     INDENTER,
     LOADING,
+    MOUNT_SPRING,
     RATE_FACTOR,
     RATE_FORCE,
     SPRING,
@@ -169,6 +170,9 @@ def forces_of(name: str, p: tuple[float, ...], motion: Motion) -> Forces:
     for place in (CODE[each] for each in LIBRARY[name].laws):
         if place <= UNLOADING:
             rock = rock + _bent(name, p, place, motion)
+            continue
+        if place == MOUNT_SPRING:
+            # the rock's face goes by a linear filter: see _by_numbers
             continue
         law = curve_at(name, p, place, arguments[place], around)
         if place in (RATE_FACTOR, COMPACTION):
