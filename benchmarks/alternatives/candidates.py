@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.alternatives.following import Followed, Motion
-from drillenv.diagnosis.equations import Around, curve_at, scalars_of
+from drillenv.diagnosis.equations import Around, acts_at, curve_at, scalars_of
 from drillenv.diagnosis.solver import Floats
 from drillenv.dynamics.constitutive.places import (
     CODE,
@@ -100,7 +100,8 @@ def tried() -> Iterator[tuple[str, Values]]:
         if name in CHOSEN:
             yield from ((name, values) for values in CHOSEN[name])
         elif (effect.moves_rig or effect.measure is not None) and name not in (*LEFT_OUT, "mains-hum"):
-            for form in effect.forms:
+            # of a mount that stiffens the face is that of one that does not: a column would be there twice
+            for form in (each for each in effect.forms if MOUNT_SPRING not in acts_at(name, each)[0]):
                 yield from ((name, dict(zip(form.symbols, start, strict=True))) for start in form.starts)
 
 

@@ -139,10 +139,11 @@ def equation_change(law: Law, other: Law, stiffness: float, beside: float) -> li
         shape = shape_of(given).law
         middle, half = 0.5 * (table.knots[1:] + table.knots[:-1]), 0.5 * np.diff(table.knots)
         inside = (middle[:, None] + half[:, None] * np.clip(NODES, -1.0 + INWARD, 1.0 - INWARD)).ravel()
-        x = np.concatenate([inside, law.axes.points(place)])
+        of_coupling = place in COUPLING
+        x = np.concatenate([inside, law.axes.points(place)]) if of_coupling else inside
         change = (shape(x, tuple(ahead), stiffer) - shape(x, law.parameters, stiffness)) / NEARER
         pieces = change[: inside.size].reshape(len(half), -1) @ FIT.T
-        found.append(EquationChange(place, pieces, change[inside.size :] if place in COUPLING else None))
+        found.append(EquationChange(place, pieces, change[inside.size :] if of_coupling else None))
     return found
 
 
