@@ -1,5 +1,8 @@
 """The figure of an effect: its law, and the rig without it and with it."""
 
+from textwrap import fill
+from typing import NamedTuple
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -23,9 +26,10 @@ def draw(name):
     far = {each.symbol: max(each.typical, key=lambda x, at=each.neutral: abs(x - at)) for each in effect.parameters}
     chosen = make(name, **far)
     plain = drillenv.simulate(SETTING, ROCK, seconds=SECONDS, sample_rate=RATE)
-    _, axes = plt.subplots(1, 1 + bool(effect.laws), figsize=(9, 2.8), layout="constrained", squeeze=False)
-    if effect.laws:
-        _draw_law(axes[0, 0], chosen, plain)
+    law = _law(chosen, plain) if effect.laws else None
+    _, axes = plt.subplots(1, 1 + bool(law), figsize=(9, 2.8), layout="constrained", squeeze=False)
+    if law:
+        _draw_law(axes[0, 0], law)
     if effect.moves_rig:
         changed = drillenv.simulate(SETTING, ROCK, seconds=SECONDS, sample_rate=RATE, effects=[chosen])
         _draw_time(axes[0, -1], plain.time, plain.force, changed.force, "force of the rock [N]")
@@ -64,23 +68,31 @@ def _draw_on_body(axes, chosen):
     axes.set(xlabel="speed [m/s]", ylabel="force on the body [N]")
 
 
-def _draw_law(axes, chosen, run):
-    """The law at its first place, over what the motion without it visits."""
+class Law(NamedTuple):
+    """Curves over what the motion without the effect visits."""
+
+    argument: np.ndarray
+    without: np.ndarray
+    bent: np.ndarray
+    labels: dict[str, str]
+
+
+def _law(chosen, run):
+    """The law at its first place; none where it is neutral, as the stiffening of a mount typically is."""
     place, law = next(iter(chosen.effect.laws.items()))
     if place in ("loading", "unloading"):
-        return _draw_contact(axes, chosen, shape_of(law))
-    argument = _visited(place, run)
+        return _law_of_contact(chosen, shape_of(law))
+    scalars = chosen.effect.scalars(chosen.values) if chosen.effect.scalars else {}
+    argument = _visited(place, run, scalars)
     at = PLACES[CODE[place]]
     value = law(argument, chosen.values, RIG.stiffness)
-    if chosen.effect.scalars and place in GRIPS:
-        value = value + chosen.effect.scalars(chosen.values).get(GRIPS[place], 0.0) * np.sign(argument)
-    axes.plot(argument, value, color=AFTER)
-    axes.axhline(0.0, color=BEFORE, zorder=0)
-    axes.locator_params(axis="x", nbins=5)
-    axes.set(xlabel=_wrapped(f"{at.argument} [{at.argument_unit}]"), ylabel=_wrapped(f"{at.quantity} [{at.unit}]"))
+    if place in GRIPS:
+        value = value + scalars.get(GRIPS[place], 0.0) * np.sign(argument)
+    labels = {"xlabel": f"{at.argument} [{at.argument_unit}]", "ylabel": f"{at.quantity} [{at.unit}]"}
+    return Law(argument, np.zeros_like(argument), value, labels) if value.any() else None
 
 
-def _draw_contact(axes, chosen, shape):
+def _law_of_contact(chosen, shape):
     depth = np.linspace(0.0, 1e-4, 401)
     stiffness = ROCK.loading_stiffness
     straight = stiffness * depth
@@ -88,12 +100,17 @@ def _draw_contact(axes, chosen, shape):
         bent = shape.law(straight, chosen.values, RIG.stiffness)
     else:
         bent = stiffness * shape.law(depth, chosen.values, RIG.stiffness)
-    axes.plot(1e6 * depth, straight, color=BEFORE)
-    axes.plot(1e6 * depth, bent, color=AFTER)
-    axes.set(xlabel="depth while loading [um]", ylabel="force of the rock [N]")
+    return Law(1e6 * depth, straight, bent, {"xlabel": "depth while loading [um]", "ylabel": "force of the rock [N]"})
 
 
-def _visited(place, run):
+def _draw_law(axes, law):
+    axes.plot(law.argument, law.without, color=BEFORE, zorder=0)
+    axes.plot(law.argument, law.bent, color=AFTER)
+    axes.locator_params(axis="x", nbins=5)
+    axes.set(**{axis: fill(label, 28) for axis, label in law.labels.items()})
+
+
+def _visited(place, run, scalars):
     """Values of a law's argument from the least to the largest that the motion reaches."""
     shortening = run.shaker_position - run.indenter_position
     reached = {
@@ -107,11 +124,7 @@ def _visited(place, run):
         "indenter": run.indenter_speed,
         "drive-waveform": np.array([0.0, 2 * np.pi]),
         "drive-curve": RIG.drive_force(SETTING) * np.array([-1.0, 1.0]),
+        # as far as the rock's force bends it at rest
+        "mount-spring": run.force * scalars.get("mount_gain", 0.0) / scalars.get("mount_square", 1.0),
     }[place]
     return np.linspace(reached.min(), reached.max(), 1001)
-
-
-def _wrapped(label, width=34):
-    """A label over two lines where it is long."""
-    at = label.find(" ", width)
-    return label if at < 0 else f"{label[:at]}\n{label[at + 1 :]}"

@@ -6,7 +6,14 @@ import re
 from pathlib import Path
 from unittest.mock import patch
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
+
+from drillenv.dynamics.effects import LIBRARY
+
+mpl.use("Agg")
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -22,6 +29,19 @@ def test_python_in_the_pages_runs(page, tmp_path, monkeypatch):
     with patch.dict(os.environ):
         for block in blocks:
             exec(compile(block, str(page), "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_each_effect_has_its_figure(name, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs" / "physics")
+    from effect_figure import draw
+
+    monkeypatch.setattr(plt, "show", lambda: None)
+    draw(name)
+    panels = plt.gcf().axes
+    assert panels
+    assert all(any(np.ptp(line.get_ydata()) > 0.0 for line in panel.lines) for panel in panels)
+    plt.close("all")
 
 
 def test_headroom_in_the_page_is_what_was_measured():
