@@ -128,7 +128,7 @@ def from_reduced_model(
         if equation.has_states and not family.has_states:
             continue
         structure = replace(base.structure, terms=(*base.structure.terms, equation))
-        starts = equation.form.starts if isinstance(equation, Equation) else [[e.value for e in equation.unknowns]]
+        starts = [[value for _, value in each] for each in starts_by_name(equation)]
         begun = [np.append(base.fit.shared, np.array(each) / equation.scales) for each in starts]
         other = min((base.refit(structure, each, SHORT) for each in begun), key=lambda each: each.cost)
         say(f"  {equation.name} from the reduced model: worse by {other.cost - fitted.cost:.1f}")
@@ -152,29 +152,39 @@ def is_special_case(simpler: Term, equation: Term) -> bool:
     return simpler.effect == equation.effect and names < more
 
 
-def from_special_cases(tried: Sequence[tuple[Term, Fitted]], say) -> list[tuple[Term, Fitted]]:
-    """Fits of equations from that of a simpler one, of those ``tried``, where that ended better: they were no minima.
+def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, say) -> list[tuple[Term, Fitted]]:
+    """Fits of equations from that of a simpler one, of those ``tried``, where their own may be no minima.
 
-    Dry friction has a minimum for each stop of a mass that is missed; what it has come to in the simpler equation is
-    nearer to the deepest one.
+    That is so where the simpler one has ended better, and where an equation has more parameters than the law, of a
+    ``size``, so that the law says nothing of where it begins. Dry friction has a minimum for each stop of a mass that
+    is missed, and a mount for each mode that a second mass may be taken for; what they have come to in the simpler
+    equation is nearer to the deepest one.
     """
     found = []
     for equation in {each.name: each for each, _ in tried}.values():
         own = min(fit.cost for each, fit in tried if each.name == equation.name)
-        better = [pair for pair in tried if is_special_case(pair[0], equation) and pair[1].cost < own]
-        if not better:
+        special = [pair for pair in tried if is_special_case(pair[0], equation)]
+        simpler, base = min(special, key=lambda pair: pair[1].cost, default=(equation, None))
+        if base is None or (base.cost >= own and len(equation.unknowns) <= size):
             continue
-        simpler, base = min(better, key=lambda pair: pair[1].cost)
         given = {each.name: value for each, value in zip(simpler.unknowns, base.values_of(simpler.name), strict=True)}
-        values = [given.get(each.name, each.value) / each.scale for each in equation.unknowns]
         rest, kept = without(base, [simpler])
-        structure, start = replace(rest, terms=(*rest.terms, equation)), np.append(kept, values)
-        other = base.refit(structure, start, SHORT, states_first=True)
+        structure = replace(rest, terms=(*rest.terms, equation))
+        begun = {tuple(given.get(name, value) for name, value in start) for start in starts_by_name(equation)}
+        starts = [np.append(kept, np.array(each) / equation.scales) for each in sorted(begun)]
+        fits = [base.refit(structure, each, SHORT, states_first=True) for each in starts]
+        other = min(fits, key=lambda each: each.cost)
         if other.cost < base.cost and other.reduced_chi_square < CLOSE:
             other = other.refit()
         say(f"  {equation.name} from {simpler.name}: gain over that {base.cost - other.cost:.1f}")
         found.append((equation, other))
     return found
+
+
+def starts_by_name(equation: Term) -> list[list[tuple[str, float]]]:
+    """Parameters of an equation by name at each of its starts."""
+    starts = equation.form.starts if isinstance(equation, Equation) else [[each.value for each in equation.unknowns]]
+    return [[(each.name, value) for each, value in zip(equation.unknowns, start, strict=True)] for start in starts]
 
 
 def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) -> tuple[Named, Fitted]:
@@ -214,7 +224,7 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     if not done and 1.0 + LEFT < fitted.reduced_chi_square < CLOSE:
         for equation, other in from_reduced_model(fitted, rest, kept, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
-    again = from_special_cases([(equation, other) for _, equation, other in tried], say)
+    again = from_special_cases([(equation, other) for _, equation, other in tried], family.size, say)
     tried += [(as_well_as(equation, other), equation, other) for equation, other in again]
     if not tried:
         return Named(family.mechanism, None), fitted

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import CONVERGED, SHORT, Fitted, penalty, tighten_continuity
+from drillenv.diagnosis.fitting import CONVERGED, LOOSE, SHORT, Fitted, penalty, tighten_continuity
 from drillenv.diagnosis.laws import Curve, Family, Gain, on_axes
 from drillenv.diagnosis.naming import Named, does_as_well, name_law, named_by_law, with_more, without
 from drillenv.diagnosis.resolution import DETAILS, refined, with_corners, with_detail
@@ -40,8 +40,8 @@ class Step:
     """Families that were fitted at the same step, and by how much log-likelihood each was worse."""
     pending: bool = False
     """Whether the equations have not been tried yet."""
-    steps_when_tried: int = 0
-    """Families that were there, itself included, when the equations were tried."""
+    tried_beside: frozenset[str] | None = None
+    """Terms of the other steps when the equations were tried."""
     detail: int = 1
     """The resolution of its law that was tried last while the model was not close."""
     provisional: bool = False
@@ -71,11 +71,16 @@ def add_step(steps: list[Step], step: Step) -> None:
     corrected = next((each for each in steps if each.family.group == step.family.group), None)
     if corrected is None:
         steps.append(step)
-        step.steps_when_tried = len(steps)
+        step.tried_beside = terms_beside(steps, step)
     else:
         corrected.terms, corrected.named.equation = (*corrected.terms, *step.terms), None
         # beside what corrected the equation, one may follow the law after all
-        corrected.steps_when_tried = 0
+        corrected.tried_beside = None
+
+
+def terms_beside(steps: Sequence[Step], step: Step) -> frozenset[str]:
+    """Names of the terms of all other steps."""
+    return frozenset(term.name for each in steps if each is not step for term in each.terms)
 
 
 def gain_of_others(steps: Sequence[Step], step: Step, fitted: Fitted) -> float:
@@ -101,6 +106,13 @@ def measured_beside(family: Family, fitted: Fitted, steps: Sequence[Step]) -> li
 def criterion(other: Fitted, fitted: Fitted) -> float:
     """Negative log-likelihood with the penalty on parameters, of fits of the same samples as a given one."""
     return other.cost + penalty(other.fit.shared.size, fitted)
+
+
+def weighed_alike(other: Fitted, fitted: Fitted) -> Fitted:
+    """A fit under the noise of another of the same samples, so that their costs may be compared."""
+    if all(one is level for one, level in zip(other.noise, fitted.noise, strict=True)):
+        return other
+    return other.refit(limits=LOOSE, noise=fitted.noise)
 
 
 def accept(fitted: Fitted, family: Family, found: Fitted, dof: int, say: Say, steps: Sequence[Step] = ()) -> Step:
@@ -288,7 +300,7 @@ def with_coarse_law_refined(fitted: Fitted, steps: list[Step], say: Say) -> Fitt
             continue
         family = replace(step.family, terms=fitted.structure.current(step.family.terms))
         finer = identify_equation(fitted, replace(step, family=family, terms=family.terms), say, at_last=True)
-        if criterion(finer.after, fitted) < criterion(fitted, fitted):
+        if criterion(weighed_alike(finer.after, fitted), fitted) < criterion(fitted, fitted):
             steps[i] = finer
             return finer.after
     return None
@@ -324,10 +336,11 @@ def with_equations(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None
     """
     for i, step in enumerate(steps):
         measured = step.named.equation is None and not step.corrects
-        if not measured or step.family.constant or step.steps_when_tried == len(steps):
+        beside = terms_beside(steps, step)
+        if not measured or step.family.constant or step.tried_beside == beside:
             continue
         lacked = min((each.worse for each in step.named.tried), default=0.0)
-        step.steps_when_tried = len(steps)
+        step.tried_beside = beside
         if lacked * fitted.samples / step.samples > gain_of_others(steps, step, fitted):
             continue
         if {each.name for each in step.family.terms} == {each.name for each in step.terms}:
@@ -392,7 +405,7 @@ def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
             base = replace(fitted, structure=rest, fit=fit)
             found = accept(base, family, other, family.size, say)
             # an equation that it follows has fewer parameters than its free law
-            if criterion(found.after, fitted) < criterion(fitted, fitted):
+            if criterion(weighed_alike(found.after, fitted), fitted) < criterion(fitted, fitted):
                 step.family, step.dof, step.named, step.terms = family, family.size, found.named, found.terms
                 step.pending, step.provisional, step.detail = found.pending, found.provisional, 1
                 steps[:] = [each for each in steps if all(each is not other for other in there)]

@@ -139,6 +139,7 @@ def test_derivatives_beside_a_law_of_the_coupling(plain, group, monkeypatch):
         (SPRING_FROM_REST, "backlash: rounded ends", (3e-4, -1e-4, 4e-5)),
         (SPRING_FROM_REST, "backlash: less stiff over the play", (3e-4, -1e-4, 0.4)),
         (DAMPER, "damping-quadratic: quadratic", (400.0,)),
+        (DAMPER, "damping-quadratic: power", (300.0, 1.5)),
     ],
 )
 def test_derivatives_beside_an_equation_with_corners_or_of_the_coupling(plain, place, name, values, monkeypatch):

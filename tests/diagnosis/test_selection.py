@@ -9,6 +9,7 @@ import pytest
 
 from drillenv.diagnosis import naming, resolution, selection, sinusoids, steps
 from drillenv.diagnosis.adapter import Adapter, Rival
+from drillenv.diagnosis.drill_identification import NUMBERS_OF_GROUP
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty
 from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
@@ -21,7 +22,7 @@ from drillenv.diagnosis.steps import accept
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure, Term, Unknown
 from drillenv.diagnosis.thresholds import LAW_LEFT
-from drillenv.dynamics.constitutive.places import INDENTER
+from drillenv.dynamics.constitutive.places import INDENTER, MOUNT_SPRING
 
 SAMPLES = 20_000
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
@@ -149,18 +150,21 @@ def after_exchange(
         structure: Any = None
         samples: int = SAMPLES
         reduced_chi_square: float = 1.02
+        noise: tuple[str, ...] = ("as the model left it",)
 
         @property
         def cost(self):
-            return self.fit.cost
+            # what is weighed by another noise costs something else
+            return self.fit.cost + (0.0 if self.noise == fitted.noise else 500.0)
 
-        def refit(self, *_):
-            return of(1000.0 + worse, others + size)
+        def refit(self, *_, noise=None, **__):
+            return of(1000.0 + worse, others + size) if noise is None else replace(self, noise=noise)
 
     def accepted(base, family, other, dof, say):
         named = Named("damping-quadratic", equation if by_equation is not None else None)
         after = of(1000.0 + (worse if by_equation is None else by_equation),
                    others + (size if by_equation is None else 1))  # fmt: skip
+        after = replace(after, noise=("as another law leaves it",))
         return Fake(after=after, named=named, terms=(), pending=False, provisional=False)
 
     own_size = size if follows is None else 2
@@ -585,13 +589,45 @@ def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_tha
     monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
     tried = [(each, Ended(each, cost)) for each, cost in
              ((rounded, 80.0), (stribeck, 120.0), (stribeck, 110.0), (coulomb, 95.0), (dahl, 90.0))]  # fmt: skip
-    found = naming.from_special_cases(tried, lambda _: None)  # type: ignore[arg-type]
+    found = naming.from_special_cases(tried, 8, lambda _: None)  # type: ignore[arg-type]
     # Dahl's has ended lower than Coulomb's, which it contains as well
     assert [each for each, _ in found] == [stribeck] and found[0][1].cost == 70.0
     ((equation, start),) = begun
     assert equation is stribeck and start[0] == 5.0
     share, speed = (stribeck.form.starts[0][i] for i in (2, 3))
     assert np.allclose(start[1:] * stribeck.scales, [60.0, 1e-3, share, speed])
+
+
+def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_case(monkeypatch):
+    """A linear mount of one mass says nothing of where the second one's fit begins: it is begun at each of its starts."""
+    one, two = (
+        next(each for each in equations([MOUNT_SPRING], NUMBERS_OF_GROUP["mount"]) if each.form.name == name)
+        for name in ("one mass", "two masses")
+    )
+    begun = []
+
+    @dataclass
+    class Ended:
+        cost: float
+        reduced_chi_square = 1.01
+
+        def values_of(self, _name):
+            return np.array([2e-8, 25.0, 0.2])
+
+        def refit(self, structure=None, start=None, *_, **__):
+            if structure is not None:
+                begun.append(start[1:] * structure.terms[-1].scales)
+            return Ended(50.0)
+
+    base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
+    monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
+    tried = [(one, Ended(90.0)), (two, Ended(80.0))]
+    ((equation, other),) = naming.from_special_cases(tried, len(one.unknowns), lambda _: None)  # type: ignore[arg-type]
+    assert equation is two and other.cost == 50.0
+    beds = {start[3:] for start in two.form.starts}
+    assert {tuple(np.round(each[3:], 12)) for each in begun} == beds and len(begun) == len(beds) > 1
+    assert all(np.allclose(each[:3], [2e-8, 25.0, 0.2]) for each in begun)
+    assert not naming.from_special_cases(tried, len(two.unknowns), lambda _: None)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -655,8 +691,8 @@ def test_a_law_that_errs_by_little_is_not_drawn_finer_before_others_are_looked_f
 @pytest.mark.parametrize(("finer", "taken"), [(90.0, True), (101.0, False)])
 def test_a_law_that_was_left_coarse_is_drawn_finer_in_the_end(monkeypatch, finer, taken):
     structure = Fake(current=lambda terms: terms)
-    fitted: Any = Fake(cost=100.0, samples=SAMPLES, structure=structure, fit=Fake(shared=np.zeros(3)))
-    after: Any = Fake(cost=finer, fit=Fake(shared=np.zeros(3)))
+    fitted: Any = Fake(cost=100.0, samples=SAMPLES, structure=structure, fit=Fake(shared=np.zeros(3)), noise=(1,))
+    after: Any = Fake(cost=finer, fit=Fake(shared=np.zeros(3)), noise=(1,))
     family: Any = replace(families(FLAT, [60.0, 90.0])[0], terms=())
     begun = steps.Step(family, 1e4, 8, SAMPLES, fitted, Named("spring", None), (), [], coarse=True)
 

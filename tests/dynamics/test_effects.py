@@ -480,6 +480,8 @@ def test_effects_on_a_body_are_their_equations():
     worn = make("backlash", g=5e-3, y0=-2e-3, rg=0.3)
     lost = 0.7 * expected["backlash"]
     assert np.allclose(worn.effect.on_body(x, v, applied, k, worn.values), lost, rtol=1e-12, atol=1e-12)
+    cubic = make("damping-quadratic", c2=40.0, nc=3.0)
+    assert np.allclose(cubic.effect.on_body(x, v, applied, k, cubic.values), -40 * v**3, rtol=1e-12, atol=1e-12)
     values = {
         "stiffness-hardening": {"k3": 3e8},
         "force-limit": {"F_max": 80.0},

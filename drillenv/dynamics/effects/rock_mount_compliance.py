@@ -76,7 +76,7 @@ EFFECT = Effect(
         Form(
             "two masses",
             ("s_r", "m_r", "zeta_r", "m_b", "s_b", "zeta_b"),
-            tuple((s, m, 0.08, 100.0, 1.5e-8, 0.08) for m in (15.0, 30.0) for s in (1e-8, 3e-8)),
+            tuple((s, m, 0.08, b, 1.5e-8, 0.08) for m in (15.0, 30.0) for s in (1e-8, 3e-8) for b in (100.0, 300.0)),
         ),
     ),
     free_laws=("mount",),

@@ -120,9 +120,9 @@ def contact_toe(peer, h, r, e):
     peer.contacts = {LOADING: Straight(peer.kl, layer(h)), UNLOADING: Straight(peer.ku, layer(back))}
 
 
-def damping_quadratic(peer, c2):
+def damping_quadratic(peer, c2, nc=2.0):
     c = peer.c
-    peer.damper = Bent([0.0], [lambda v: c * v - c2 * v * v, lambda v: c * v + c2 * v * v])
+    peer.damper = Bent([0.0], [lambda v: c * v - c2 * abs(v) ** nc, lambda v: c * v + c2 * abs(v) ** nc])
 
 
 def drive_droop(peer, s):
@@ -213,6 +213,8 @@ EQUATIONS = [
     Case("contact-rate", {"c_d": 350.0, "p_d": 0.5}, contact_damping, AT_110, "contact-rate-kuwabara-kono"),
     Case("contact-toe", {"h": 2.2e-5, "r": 0.16, "e": 0.5}, contact_toe),
     Case("damping-quadratic", {"c2": 900.0}, damping_quadratic, AT_110),
+    Case("damping-quadratic", {"c2": 450.0, "nc": 1.5}, damping_quadratic, AT_110, "damping-by-power-1.5"),
+    Case("damping-quadratic", {"c2": 2500.0, "nc": 3.0}, damping_quadratic, AT_95, "damping-cubic"),
     Case("drive-droop", {"s": 0.0054}, drive_droop),
     Case("drive-harmonics", {"h2": 0.115, "phi2": 0.7, "h3": 0.085, "phi3": -1.1}, drive_harmonics, AT_95),
     Case("external-vibration", {"F1": 155.0, "F2": 2.25, "f": 32.5, "psi": 0.4}, external_vibration),
