@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from drillenv.diagnosis.fitting import SHORT, TIGHT, Fitted, penalty, with_continuity_relaxed
+from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty, with_continuity_relaxed
 from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
-from drillenv.diagnosis.solver import Floats
+from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, LAW_LEFT, LEFT, MOST_OF_LAW, NOISE_KNOWN, TENSE
 
@@ -91,12 +91,13 @@ def with_constant_freed(fitted: Fitted, equation: Term) -> Fitted:
     return fitted
 
 
-def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain: float) -> Fitted:
+def fit_equation(fitted: Fitted, structure: ModelStructure, start: Floats, gain: float, limits: Limits) -> Fitted:
     """The fit of a structure that has an equation in the place of a law; to its end where it explains most of that.
 
-    Where the model is far off with any law, a short fit tells equations apart, and the one that is chosen goes on.
+    Within ``limits`` first. Where the model is far off with any law, a short fit tells equations apart, and the one
+    that is chosen goes on.
     """
-    found = fitted.refit(structure, start, SHORT, states_first=True)
+    found = fitted.refit(structure, start, limits, states_first=True)
     if found.cost - fitted.cost > gain and fitted.slack == TIGHT:
         # no law at all does better, so this is no minimum
         again = with_continuity_relaxed(fitted, structure, start, states_first=True)
@@ -152,20 +153,20 @@ def is_special_case(simpler: Term, equation: Term) -> bool:
     return simpler.effect == equation.effect and names < more
 
 
-def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, say) -> list[tuple[Term, Fitted]]:
+def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, most: float, say) -> list[tuple[Term, Fitted]]:
     """Fits of equations from that of a simpler one, of those ``tried``, where their own may be no minima.
 
     That is so where the simpler one has ended better, and where an equation has more parameters than the law, of a
-    ``size``, so that the law says nothing of where it begins. Dry friction has a minimum for each stop of a mass that
-    is missed, and a mount for each mode that a second mass may be taken for; what they have come to in the simpler
-    equation is nearer to the deepest one.
+    ``size``, so that the law says nothing of where it begins: from a simpler one that costs ``most`` at most. Dry
+    friction has a minimum for each stop of a mass that is missed, and a mount for each mode that a second mass may be
+    taken for; what they have come to in the simpler equation is nearer to the deepest one.
     """
     found = []
     for equation in {each.name: each for each, _ in tried}.values():
         own = min(fit.cost for each, fit in tried if each.name == equation.name)
         special = [pair for pair in tried if is_special_case(pair[0], equation)]
         simpler, base = min(special, key=lambda pair: pair[1].cost, default=(equation, None))
-        if base is None or (base.cost >= own and len(equation.unknowns) <= size):
+        if base is None or (base.cost >= own and (len(equation.unknowns) <= size or base.cost > most)):
             continue
         given = {each.name: value for each, value in zip(simpler.unknowns, base.values_of(simpler.name), strict=True)}
         rest, kept = without(base, [simpler])
@@ -209,7 +210,8 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
         for constants, values in starts:
             structure = replace(rest, terms=(*rest.terms, equation))
             start = np.concatenate([constants, kept[constants.size :], values])
-            other = fit_equation(fitted, structure, start, gain)
+            # beside one that does as well, what creeps is no rival
+            other = fit_equation(fitted, structure, start, gain, LOOSE if done else SHORT)
             as_well = as_well_as(equation, other)
             if not as_well and other.cost - fitted.cost < MOST_OF_LAW * gain:
                 other = with_constant_freed(other, equation)
@@ -224,7 +226,8 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     if not done and 1.0 + LEFT < fitted.reduced_chi_square < CLOSE:
         for equation, other in from_reduced_model(fitted, rest, kept, family, [each.equation for each in rivals], say):
             tried.append((as_well_as(equation, other), equation, other))
-    again = from_special_cases([(equation, other) for _, equation, other in tried], family.size, say)
+    most = fitted.cost + MOST_OF_LAW * gain
+    again = from_special_cases([(equation, other) for _, equation, other in tried], family.size, most, say)
     tried += [(as_well_as(equation, other), equation, other) for equation, other in again]
     if not tried:
         return Named(family.mechanism, None), fitted

@@ -174,7 +174,8 @@ def identify_equation(fitted: Fitted, step: Step, say: Say, at_last: bool = Fals
         step, family, found = sharper, sharper.family, sharper.after
     if coarse:
         named = named_by_law(named, found, family, gain)
-    elif family.terms and (named.equation is None or other.cost > found.cost):
+    elif family.terms and (named.equation is None or (other.cost > found.cost and found.reduced_chi_square < CLOSE)):
+        # in a far model a finer law takes up what else is missing there, and says nothing against an equation
         finer = refined(found, family)
         fewer = finer.fit.shared.size - other.fit.shared.size
         if named.equation is None or not does_as_well(other.cost - finer.cost, gain, fewer, finer):

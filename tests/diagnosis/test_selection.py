@@ -589,7 +589,7 @@ def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_tha
     monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
     tried = [(each, Ended(each, cost)) for each, cost in
              ((rounded, 80.0), (stribeck, 120.0), (stribeck, 110.0), (coulomb, 95.0), (dahl, 90.0))]  # fmt: skip
-    found = naming.from_special_cases(tried, 8, lambda _: None)  # type: ignore[arg-type]
+    found = naming.from_special_cases(tried, 8, 0.0, lambda _: None)  # type: ignore[arg-type]
     # Dahl's has ended lower than Coulomb's, which it contains as well
     assert [each for each, _ in found] == [stribeck] and found[0][1].cost == 70.0
     ((equation, start),) = begun
@@ -599,7 +599,7 @@ def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_tha
 
 
 def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_case(monkeypatch):
-    """A linear mount of one mass says nothing of where the second one's fit begins: it is begun at each of its starts."""
+    """A mount of one mass says nothing of where the second one's fit begins: it is begun at each of its starts."""
     one, two = (
         next(each for each in equations([MOUNT_SPRING], NUMBERS_OF_GROUP["mount"]) if each.form.name == name)
         for name in ("one mass", "two masses")
@@ -622,12 +622,15 @@ def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_c
     base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
     monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
     tried = [(one, Ended(90.0)), (two, Ended(80.0))]
-    ((equation, other),) = naming.from_special_cases(tried, len(one.unknowns), lambda _: None)  # type: ignore[arg-type]
+    size = len(one.unknowns)
+    ((equation, other),) = naming.from_special_cases(tried, size, 100.0, lambda _: None)  # type: ignore[arg-type]
     assert equation is two and other.cost == 50.0
     beds = {start[3:] for start in two.form.starts}
     assert {tuple(np.round(each[3:], 12)) for each in begun} == beds and len(begun) == len(beds) > 1
     assert all(np.allclose(each[:3], [2e-8, 25.0, 0.2]) for each in begun)
-    assert not naming.from_special_cases(tried, len(two.unknowns), lambda _: None)  # type: ignore[arg-type]
+    assert not naming.from_special_cases(tried, len(two.unknowns), 100.0, lambda _: None)  # type: ignore[arg-type]
+    # of a simpler one that explains little nothing is to be had
+    assert not naming.from_special_cases(tried, size, 85.0, lambda _: None)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
