@@ -306,13 +306,28 @@ def best_step(fitted: Fitted, chosen: list[Score], level: float, say: Say, steps
     fits = [(each, other) for each, other in fits if is_material(each.family, other)]
     if not fits:
         return None
-    fits = by_nearest_equations(fits, fitted)
+    fits = by_nearest_equations(simplest_first(fits, fitted), fitted)
     best, found = fits[0]
     if fitted.cost - found.cost < max(0.5 * chi2.isf(level, best.size), resolved_gain(best.family, fitted)):
         return None
     step = accept(fitted, best.family, found, best.size, say, steps)
     step.rivals = [(each.family, other.cost - found.cost) for each, other in fits[1:]]
     return step
+
+
+def simplest_first(fits: Fits, fitted: Fitted) -> Fits:
+    """The same, but in a model that is far off with the best family as well the simplest of those near to it first.
+
+    Of what else is missing there, a family takes up the more the more parameters it has: as does a free law beside an
+    equation, see :func:`~drillenv.diagnosis.naming.does_as_well`.
+    """
+    best = fits[0][1]
+    if best.reduced_chi_square < CLOSE:
+        return fits
+    most = penalised(*fits[0], fitted) + LAW_LEFT * (best.cost - 0.5 * best.residual_dof)
+    near = [pair for pair in fits if penalised(*pair, fitted) <= most]
+    simplest = min(near, key=lambda pair: pair[0].size)
+    return [simplest, *(pair for pair in fits if pair is not simplest)]
 
 
 def by_nearest_equations(fits: Fits, fitted: Fitted) -> Fits:

@@ -372,30 +372,34 @@ def without_correction(fitted: Fitted, step: Step) -> tuple[Named, Fitted]:
 def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     """The fit with one step's close rival in its place, where all others there it does better; the step is changed.
 
-    A rival that is there already, as a correction of the law that was chosen, is tried alone, without either of them.
+    A rival that is there already, as a correction of the law that was chosen or as another law of the same force beside
+    a measured one, is tried alone, without either of them.
 
     What two families explain alike on their own, or by windows that are free, may tell them apart in the end. A law
     that follows an equation to the noise leaves nothing that a rival could do better, but for one that has explained
     more by more parameters, of which its equations have fewer. Where the step's law follows none, a rival's may: its
-    equations are tried unless it is worse by more than their fewer parameters are worth.
+    equations are tried unless it is worse by more than their fewer parameters are worth. A measured law of the same
+    force is close to it however much worse it was: what was missing then moved the law, and not what it is a law of.
     """
     for step in steps:
         if step.family.constant or step.corrects:
             continue
-        follows = step.named.equation is not None and fitted.reduced_chi_square < 1.0 + LEFT
+        measured = step.named.equation is None
+        follows = not measured and fitted.reduced_chi_square < 1.0 + LEFT
         most = -EQUAL if follows else LAW_LEFT * step.gain
-        close = [family for family, worse in step.rivals if worse < most]
+        alike = {each.name for each, _ in step.rivals if fitted.structure.rig.same_force(step.family, each)}
+        close = [each for each, worse in step.rivals if worse < most or (measured and each.name in alike)]
         step.rivals = [each for each in step.rivals if each[0] not in close]
         for family in close:
             there = [each for each in steps if each.family.group == family.group]
-            if any(not each.corrects for each in there):
+            allowed = measured and family.name in alike
+            if any(each is step or not (each.corrects or allowed) for each in there):
                 continue
             rest, begun = without(fitted, [*step.terms, *(term for each in there for term in each.terms)])
             structure, start = with_more(rest, begun, family)
             other = fitted.refit(structure, start)
             finer = refined(other, family)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
-            measured = step.named.equation is None
             saved = penalty(family.size - 1, fitted) if measured else 0.0
             worse = min(finer.cost - fitted.cost, criterion(finer, fitted) - criterion(fitted, fitted))
             if measured and worse < EQUAL:

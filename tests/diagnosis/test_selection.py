@@ -127,6 +127,7 @@ def after_exchange(
     rivalled: float,
     follows: object = None,
     beside: tuple[steps.Step, ...] = (),
+    same_force: bool = False,
 ):
     """Steps beside whose first a rival came so much ``rivalled`` after it, and the fit with the rival's law, or None.
 
@@ -147,7 +148,7 @@ def after_exchange(
     @dataclass
     class Costs:
         fit: Ended
-        structure: Any = None
+        structure: Any
         samples: int = SAMPLES
         reduced_chi_square: float = 1.02
         noise: tuple[str, ...] = ("as the model left it",)
@@ -168,7 +169,8 @@ def after_exchange(
         return Fake(after=after, named=named, terms=(), pending=False, provisional=False)
 
     own_size = size if follows is None else 2
-    fitted: Any = Costs(Ended(np.zeros(others + own_size), 1000.0))
+    structure = Fake(rig=Fake(same_force=lambda *_: same_force))
+    fitted: Any = Costs(Ended(np.zeros(others + own_size), 1000.0), structure)
     monkeypatch.setattr(steps, "without", lambda *_: (Fake(), np.zeros(others)))
     monkeypatch.setattr(steps, "with_more", lambda *_: (Fake(), np.zeros(others + size)))
     monkeypatch.setattr(steps, "refined", lambda other, family: other)
@@ -222,6 +224,19 @@ def test_a_rival_that_is_there_as_a_correction_is_tried_alone(monkeypatch, corre
     there, _named, found = after_exchange(monkeypatch, -30.0, None, 0.0, beside=beside)
     assert (found is not None) == corrects
     assert there[1:] == ([other] if corrects else list(beside))
+
+
+@pytest.mark.parametrize(("follows", "same_force", "taken"),
+                         [(None, True, True), (None, False, False), ("cubic", True, False)])  # fmt: skip
+def test_a_law_of_the_same_force_is_tried_alone_in_a_measured_ones_place(monkeypatch, follows, same_force, taken):
+    """However much worse it was then, and though it is there as a mechanism of its own: play beside a spring."""
+    damper = step("damper", 40.0, "quadratic")
+    damper.terms, damper.rivals = (), []
+    there, _named, found = after_exchange(
+        monkeypatch, -30.0, None, 250.0, follows=follows, beside=(damper,), same_force=same_force
+    )
+    assert (found is not None) == taken
+    assert there[1:] == ([] if taken else [damper])
 
 
 @pytest.mark.parametrize(("gain", "equation", "corrects"), [(5e3, None, True), (2e5, None, False), (5e3, "one", False)])
