@@ -12,7 +12,7 @@ from drillenv.diagnosis.adapter import Adapter, Rival
 from drillenv.diagnosis.drill_identification import NUMBERS_OF_GROUP
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty
-from drillenv.diagnosis.laws import Curve, Equation, equations, families, same_force
+from drillenv.diagnosis.laws import Curve, Equation, Family, equations, families, same_force
 from drillenv.diagnosis.naming import Named, Tried, does_as_well, name_law
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import Score, ScoreTests
@@ -706,6 +706,57 @@ def test_a_law_that_errs_by_little_is_not_drawn_finer_before_others_are_looked_f
     assert ended.terms == (curve,) and not ended.pending
 
 
+@pytest.mark.parametrize(("chi_square", "drawn"), [(1.5, True), (11.0, False)])
+def test_in_a_far_model_an_equation_is_not_held_against_a_finer_law(monkeypatch, chi_square, drawn):
+    """A clipped drive beside friction with bristles: a finer law took up a quarter of what friction leaves."""
+    structure: Any = Fake(rig=Fake(noise_left=lambda _: (), axes_at=lambda _: None), current=lambda terms: terms)
+    finer: list[Any] = []
+
+    def fit(chi_square: float) -> Any:
+        return Fake(
+            reduced_chi_square=chi_square, cost=chi_square * SAMPLES / 2, residual_dof=SAMPLES, samples=SAMPLES,
+            noise=(), structure=structure, fit=Fake(shared=np.zeros(3)), refit=lambda *_, **__: by_equation,
+        )  # fmt: skip
+
+    def refined(fitted, _family):
+        finer.append(fitted)
+        return fit(0.75 * chi_square)
+
+    found, by_equation = fit(chi_square), fit(1.01 * chi_square)
+    equation: Any = Fake(name="clipped")
+    named = Named("force-limit", equation, (Tried(equation, np.zeros(1), 0.01),))
+    monkeypatch.setattr(steps, "name_law", lambda *_: (named, by_equation))
+    monkeypatch.setattr(steps, "named_by_law", lambda named, *_: named)
+    monkeypatch.setattr(steps, "refined", refined)
+    monkeypatch.setattr(steps, "corrected_equation", lambda *_: (found, ()))
+    monkeypatch.setattr(steps, "on_axes", lambda structure, axes: structure)
+    monkeypatch.setattr(steps, "tighten_continuity", lambda fitted: fitted)
+    family: Any = replace(families(FLAT, [60.0, 90.0])[0], terms=(Curve("drive", ()),))  # type: ignore[arg-type]
+    begun = steps.Step(family, 1e5, 8, SAMPLES, found, Named("force-limit", None), family.terms, [], pending=True)
+    ended = steps.identify_equation(found, begun, lambda _: None)
+    assert bool(finer) == drawn
+    assert (ended.named.equation is equation) != drawn
+
+
+@pytest.mark.parametrize(
+    ("chi_square", "ahead", "first"),
+    [
+        (18.0, 9e3, "offset"),  # next to what else is missing that is little
+        (18.0, 9e4, "high-pass"),
+        (1.5, 9e3, "high-pass"),  # the noise tells them apart
+    ],
+)
+def test_in_a_far_model_the_simplest_family_of_those_near_comes_first(chi_square, ahead, first):
+    def pair(name: str, size: int, cost: float) -> Any:
+        other = Fake(cost=cost, reduced_chi_square=chi_square, residual_dof=SAMPLES, samples=SAMPLES)
+        return Fake(family=Fake(name=name), size=size), other
+
+    least = 0.5 * chi_square * SAMPLES
+    fits = [pair("high-pass", 14, least), pair("offset", 2, least + ahead), pair("drive gain", 1, 10.0 * least)]
+    found = selection.simplest_first(fits, fits[0][1])
+    assert found[0][0].family.name == first and len(found) == 3
+
+
 @pytest.mark.parametrize(("finer", "taken"), [(90.0, True), (101.0, False)])
 def test_a_law_that_was_left_coarse_is_drawn_finer_in_the_end(monkeypatch, finer, taken):
     structure = Fake(current=lambda terms: terms)
@@ -790,3 +841,24 @@ def test_of_laws_that_explain_alike_the_one_nearer_to_an_equation_comes_first(co
     ]
     found = selection.by_nearest_equations(fits, fit(2.0))
     assert [score.family.name for score, _ in found] == sorted(laws, key=lambda name: name != first)
+
+
+def test_a_measured_law_is_tried_again_beside_another_model(monkeypatch):
+    """Not while the same terms stand beside it, but once one of them is another law."""
+    tried: list[object] = []
+    curve, other = Term("spring", ()), Term("damper", ())
+    fitted: Any = Fake(samples=SAMPLES, structure=Fake(current=lambda terms: terms))
+    family = Family("spring", "spring", (curve,))
+
+    def measured(family: Family, gain: float) -> steps.Step:
+        return steps.Step(family, gain, 8, SAMPLES, fitted, Named(family.mechanism, None), family.terms, [])
+
+    spring, damper = measured(family, 500.0), measured(Family("damper", "damper", (other,)), 1e4)
+    damper.corrects = True
+    monkeypatch.setattr(steps, "name_law", lambda *_: tried.append(1) or (Named("spring", None), fitted))
+    for _ in range(2):
+        assert steps.with_equations(fitted, [spring, damper], lambda _: None) is None
+    assert len(tried) == 1
+    damper.terms = (Term("damping-quadratic: quadratic", ()),)
+    assert steps.with_equations(fitted, [spring, damper], lambda _: None) is None
+    assert len(tried) == 2
