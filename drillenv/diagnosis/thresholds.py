@@ -23,7 +23,7 @@ trial's rules ask for laws within a tenth."""
 LAW_LEFT = 0.1
 """Relative error of a law that was found, as coarse as it is fitted: what that leaves, a share LAW_LEFT^2 of its gain,
 calls for nothing further. In a model that is far off also the share of all that is left by which an equation may be
-worse than a free law, which takes up a part of what else is missing."""
+worse than a free law, and a family than one of more parameters, which take up a part of what else is missing."""
 UNCONFIRMED = 0.03
 """Share of a gain that may be lost on recordings that are left out: what is there gains on them, but for chance."""
 NEAR = 0.25
