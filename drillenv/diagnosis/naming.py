@@ -129,8 +129,7 @@ def from_reduced_model(
         if equation.has_states and not family.has_states:
             continue
         structure = replace(base.structure, terms=(*base.structure.terms, equation))
-        starts = [[value for _, value in each] for each in starts_by_name(equation)]
-        begun = [np.append(base.fit.shared, np.array(each) / equation.scales) for each in starts]
+        begun = [np.append(base.fit.shared, np.array(each) / equation.scales) for each in own_starts(equation)]
         other = min((base.refit(structure, each, SHORT) for each in begun), key=lambda each: each.cost)
         say(f"  {equation.name} from the reduced model: worse by {other.cost - fitted.cost:.1f}")
         found.append((equation, other if other.cost > fitted.cost + 0.5 * (base.cost - fitted.cost) else other.refit()))
@@ -171,7 +170,8 @@ def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, most: fl
         given = {each.name: value for each, value in zip(simpler.unknowns, base.values_of(simpler.name), strict=True)}
         rest, kept = without(base, [simpler])
         structure = replace(rest, terms=(*rest.terms, equation))
-        begun = {tuple(given.get(name, value) for name, value in start) for start in starts_by_name(equation)}
+        names = [each.name for each in equation.unknowns]
+        begun = {tuple(map(given.get, names, start)) for start in own_starts(equation)}
         starts = [np.append(kept, np.array(each) / equation.scales) for each in sorted(begun)]
         fits = [base.refit(structure, each, SHORT, states_first=True) for each in starts]
         other = min(fits, key=lambda each: each.cost)
@@ -182,10 +182,9 @@ def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, most: fl
     return found
 
 
-def starts_by_name(equation: Term) -> list[list[tuple[str, float]]]:
-    """Parameters of an equation by name at each of its starts."""
-    starts = equation.form.starts if isinstance(equation, Equation) else [[each.value for each in equation.unknowns]]
-    return [[(each.name, value) for each, value in zip(equation.unknowns, start, strict=True)] for start in starts]
+def own_starts(equation: Term) -> Sequence[Sequence[float]]:
+    """Values of an equation's parameters from which its fits begin."""
+    return equation.form.starts if isinstance(equation, Equation) else [[each.value for each in equation.unknowns]]
 
 
 def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) -> tuple[Named, Fitted]:
