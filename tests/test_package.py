@@ -128,13 +128,15 @@ COMPLETE = 0.975
 
 @pytest.mark.slow
 def test_public_types_are_stated(tmp_path):
-    pyright = shutil.which("pyright", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    # pyright looks for libraries by the python on PATH, and those of the tests are in this one's environment
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    pyright = shutil.which("pyright", path=path)
     if pyright is None:
         pytest.skip("no pyright")
     # from another folder, or it takes the checkout for a project and not for an installed package
     done = subprocess.run(
         [pyright, "--verifytypes", "drillenv", "--ignoreexternal", "--outputjson", "--pythonpath", sys.executable],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+        cwd=tmp_path, env=os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
     )  # fmt: skip
     found = json.loads(done.stdout)["typeCompleteness"]
     assert found["completenessScore"] >= COMPLETE
