@@ -63,8 +63,9 @@ def _draw_sensor(axes, chosen, run):
 
 def _draw_on_body(axes, chosen):
     speed = np.linspace(-0.3, 0.3, 601)
-    rest = np.zeros_like(speed)
-    axes.plot(speed, chosen.effect.on_body(rest, speed, rest, RIG.stiffness, chosen.values), color=AFTER)
+    # each of a motion that has gone on like that
+    rest = np.zeros((speed.size, 1))
+    axes.plot(speed, chosen.effect.on_body(rest, speed[:, None], rest, RIG.stiffness, chosen.values), color=AFTER)
     axes.set(xlabel="speed [m/s]", ylabel="force on the body [N]")
 
 

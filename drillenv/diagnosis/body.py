@@ -199,6 +199,18 @@ def equation_force(effect: str, p: tuple[float, ...], body: Body, stiffness: flo
     return -body.rows(act(body.smooth_position, sliding(body), applied, stiffness, p))
 
 
+def equation_over(effect: str, p: tuple[float, ...], place: int, x: Floats, stiffness: float) -> Floats:
+    """(n,) N, the force on a body by an effect of the library over the argument x (n,) of a place, all else being 0.
+
+    Each of a motion that has gone on like that.
+    """
+    act = REGISTRY[effect].on_body
+    assert act is not None
+    one, none = x[:, None], np.zeros((x.size, 1))
+    state = {SPRING: (one, none, none), DRIVE: (none, none, one)}.get(place, (none, one, none))
+    return act(*state, stiffness, p)[:, 0]
+
+
 @dataclass
 class ForceBalance(RecordingProblem):
     """A stretch of a recording as a block of the solver. It has no unknowns of its own."""

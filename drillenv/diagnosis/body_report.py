@@ -6,21 +6,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.stats import t as student
 
-from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch
+from drillenv.diagnosis.body import NUDGE, ForceBalance, ScaledLaw, Stretch, equation_over
 from drillenv.diagnosis.body_channels import Body
 from drillenv.diagnosis.body_noise import line
-from drillenv.diagnosis.body_rig import UNITS
+from drillenv.diagnosis.body_rig import UNITS, BodyRig
 from drillenv.diagnosis.evidence import AGREED, Explained, Verdict, cell, classify, explained, surplus
 from drillenv.diagnosis.findings import cited, deviations, equivalents, form_of, parameters_of, rejected
 from drillenv.diagnosis.fitting import TIGHT, Fitted
 from drillenv.diagnosis.laws import Curve, Equation
 from drillenv.diagnosis.measured import POINTS, law_record, quantity, with_spread
-from drillenv.diagnosis.naming import without
+from drillenv.diagnosis.naming import Tried, without
 from drillenv.diagnosis.page import Trace, Wave
 from drillenv.diagnosis.score_tests import ScoreTests, regular
 from drillenv.diagnosis.solver import Floats
@@ -191,13 +191,10 @@ class BodyReport:
         Of one that nobody states, a free law takes as much as it likes: where an equation comes near to the law, that
         says what is the constant's.
         """
-        alone = [
-            self.nearest_equation_fit(step)
-            for step in self.steps
-            if step.named.equation is None and self.comes_near(step)
-        ]
+        measured = [step for step in self.steps if step.named.equation is None]
+        near = next((each for each in map(near_equation, measured) if each is not None), None)
         free = any(math.isinf(each.std) for each in self.plain.structure.terms[0].unknowns)
-        return alone[0] if alone and free and len(self.mechanisms) == 1 else self.final
+        return self.near_equation_fit(near) if near is not None and free and len(self.mechanisms) == 1 else self.final
 
     @cached_property
     def mass_tolerance(self) -> float:
@@ -325,6 +322,8 @@ class BodyReport:
         if first is not None:
             same = [step for step in steps if step.family.group == first.family.group or is_of_speed(step, first)]
             entry["law"] = self.law([term for step in same for term in step.terms])
+        elif isinstance(equation, Equation):
+            entry["law"] = self.law([equation])
         return entry
 
     def law(self, terms: Sequence[Term]) -> dict[str, Any]:
@@ -333,10 +332,14 @@ class BodyReport:
         Of constants that nobody states, what is straight in a law is beyond what they are said to be.
         """
         final, axes = self.final, self.final.structure.axes
-        place = next(each.place for each in terms if isinstance(each, Curve))
+        rig, curves = cast("BodyRig", final.structure.rig), [each for each in terms if isinstance(each, Curve)]
+        place = curves[0].place if curves else rig.place_of(cast("Equation", terms[0]))
+        if place == DAMPER and not curves:
+            # whose axis shows a step at rest
+            place = GUIDE
         ends = axes.points(place)[[0, -1]]
         x = axes.between(place, float(ends[0]), float(ends[1]), POINTS)
-        straight = self.unstated(place, x)
+        straight = self.unstated(place, x) if curves else {}
         inside = final.indices_of(terms) + list(straight)
         scales = final.structure.scales[inside]
         stiffness, beyond = final.blocks[0].stiffness(final.values), self.constants_fit.values
@@ -362,22 +365,15 @@ class BodyReport:
         return {i: straight[e.name] for i, e in enumerate(constants) if math.isinf(e.std) and e.name in straight}
 
     def nearest(self, step: Step) -> dict[str, Any]:
-        """Parameters of the equation that comes nearest to a measured law, where it explains nearly all of it."""
-        if not self.comes_near(step):
-            return {}
-        return self.stated(step.named.tried[0].equation, self.nearest_equation_fit(step))
+        """Parameters of the equation that comes near to a measured law; none where none explains nearly all of it."""
+        near = near_equation(step)
+        return {} if near is None else self.stated(near.equation, self.near_equation_fit(near))
 
-    def comes_near(self, step: Step) -> bool:
-        """Whether the nearest equation explains nearly all that a measured law does."""
-        tried = step.named.tried
-        return bool(tried) and tried[0].worse < (1.0 - WELL_EXPLAINED) * step.gain
-
-    def nearest_equation_fit(self, step: Step) -> Fitted:
-        """The law with the equation that comes nearest to a step's law."""
-        equation, values, _ = step.named.tried[0]
+    def near_equation_fit(self, near: Tried) -> Fitted:
+        """The law with the equation that comes near to a step's law."""
         plain = self.plain
-        structure = replace(plain.structure, terms=(*plain.structure.terms, equation))
-        start = np.concatenate([plain.fit.shared, values / equation.scales])
+        structure = replace(plain.structure, terms=(*plain.structure.terms, near.equation))
+        start = np.concatenate([plain.fit.shared, near.values / near.equation.scales])
         return self.refitted(structure, start)
 
     def stated(self, equation: Term, fitted: Fitted) -> dict[str, Any]:
@@ -536,6 +532,12 @@ def effects_of(finding: dict[str, Any]) -> list[dict[str, Any]]:
     return [{"name": f"tabulated-{law['argument'].replace(' ', '-')}", "parameters": curve}]
 
 
+def near_equation(step: Step) -> Tried | None:
+    """The equation of fewest parameters, the best first, that explains nearly all that a measured law does."""
+    near = [each for each in step.named.tried if each.worse < (1.0 - WELL_EXPLAINED) * step.gain]
+    return min(near, key=lambda each: len(each.equation.unknowns), default=None)
+
+
 def is_of_speed(*steps: Step) -> bool:
     """Whether the laws of steps are all over the speed."""
     return all(step.family.group in ("friction", "damper") for step in steps)
@@ -550,12 +552,8 @@ def law_at(term: Term, own: Floats, place: int, x: Floats, axes: Axes, stiffness
         return -own[0] / (1.0 + own[0]) * x
     if not isinstance(term, Equation):
         return np.zeros_like(x)
-    act = REGISTRY[term.effect].on_body
-    assert act is not None
-    none = np.zeros_like(x)
-    state = {SPRING: (x, none, none), DRIVE: (none, none, x)}.get(place, (none, x, none))
     turn = 1.0 if place == DRIVE else -1.0
-    return turn * act(*state, stiffness, term.parameters(own))
+    return turn * equation_over(term.effect, term.parameters(own), place, x, stiffness)
 
 
 def left_out_in_turn(fitted: Fitted) -> list[Floats]:

@@ -21,6 +21,7 @@ from drillenv.diagnosis.body import (
     autoregression,
     columns_of,
     equation_force,
+    equation_over,
     sliding,
 )
 from drillenv.diagnosis.body_channels import Body
@@ -35,6 +36,7 @@ from drillenv.diagnosis.laws import (
     bsplines,
     coefficients,
     kinds_of_spring,
+    lowest,
     normalised,
     odd_with_step,
 )
@@ -343,8 +345,7 @@ class BodyRig(Adapter):
 
     def equations(self, places: Collection[int]) -> list[Equation]:
         """Those of effects that act on a body by what these laws are over, and are not stated."""
-        over = {"position": {SPRING}, "velocity": {DAMPER, GUIDE}, "applied": {DRIVE}}
-        found = []
+        over, found = {DAMPER if place == GUIDE else place for place in places}, []
         for name, effect in REGISTRY.items():
             if effect.on_body is None or effect.body_constant in self.stated:
                 continue
@@ -356,30 +357,25 @@ class BodyRig(Adapter):
                     values = [start[i] * size for start in form.starts]
                     # a spring may soften; what takes energy cannot give it
                     softens = effect.energy == "stores" and parameter.unit != "m" and parameter.low == 0.0
-                    low = -1e3 * size if softens else parameter.low
+                    low = -1e3 * size if softens else lowest(parameter, values, i)
                     unknowns.append(Unknown(symbol, values[0], 0.2 * max(map(abs, values)), math.inf, low, math.inf,
                                             parameter.unit))  # fmt: skip
                     starts.append(values)
                 scaled = Form(form.name, form.symbols, tuple(zip(*starts, strict=True)))
                 equation = Equation(f"{name}: {form.name}", tuple(unknowns), name, scaled)
-                if over[self.argument(equation)].intersection(places):
+                if self.place_of(equation) in over:
                     found.append(equation)
         return found
 
-    def argument(self, equation: Equation) -> str:
-        """What a body's equation is over: what it changes with."""
-        act = REGISTRY[equation.effect].on_body
-        assert act is not None
+    def place_of(self, equation: Equation) -> int:
+        """Where a body's equation acts: over the position, the velocity, or the applied force."""
         p = equation.parameters(np.array(equation.form.starts[0]))
-        x = np.linspace(-1.0, 1.0, 41)
         stiffness = self.scale.force / self.scale.travel
-        typical = self.scale.travel, self.scale.speed, self.scale.force
-        for i, (name, size) in enumerate(zip(("position", "velocity", "applied"), typical, strict=True)):
-            state = [np.zeros(41), np.zeros(41), np.zeros(41)]
-            state[i] = x * size
-            if np.ptp(act(*state, stiffness, p)) > 0.0:
-                return name
-        return "position"
+        for place, size in ((SPRING, self.scale.travel), (DAMPER, self.scale.speed), (DRIVE, self.scale.force)):
+            x = np.linspace(-size, size, 41)
+            if np.ptp(equation_over(equation.effect, p, place, x, stiffness)) > 0.0:
+                return place
+        return SPRING
 
     def near(self, fitted: Fitted, family: Family, equation: Equation) -> Rival:
         """Where an equation comes nearest to the free law, constants being free to take up what they can."""
@@ -428,7 +424,7 @@ class BodyRig(Adapter):
         """Constants that can take up what is straight in an equation's law."""
         if not isinstance(equation, Equation):
             return []
-        return {"position": ["stiffness"], "velocity": ["damping"], "applied": ["mass"]}[self.argument(equation)]
+        return {SPRING: ["stiffness"], DAMPER: ["damping"], DRIVE: ["mass"]}[self.place_of(equation)]
 
     def mechanisms_by_law(self, fitted: Fitted, family: Family, nearest: str) -> tuple[str, ...]:
         """The mechanism of a law that no equation follows, the likeliest first; ``nearest`` explains most of it."""

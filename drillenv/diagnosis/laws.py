@@ -284,18 +284,24 @@ def _unknown(parameter: Parameter, form: Form, i: int) -> Unknown:
     """A parameter of an equation; its unit is a fifth of the largest start.
 
     It is no farther from neutral than twice what is typical, where the equation would stand for another mechanism: a
-    soft layer that is thicker than the blows are deep is no layer. What only some forms of the effect have is no nearer
-    to neutral than a tenth of its start, where the equation would be a simpler form, and singular: dry friction that is
-    rounded over no speed.
+    soft layer that is thicker than the blows are deep is no layer.
     """
-    starts = [abs(start[i]) for start in form.starts]
-    largest, farthest = max(starts), 2.0 * max(abs(each - parameter.neutral) for each in parameter.typical)
-    low, high = parameter.low, parameter.high
+    starts = [start[i] for start in form.starts]
+    largest, farthest = max(map(abs, starts)), 2.0 * max(abs(each - parameter.neutral) for each in parameter.typical)
+    low, high = lowest(parameter, starts, i), parameter.high
     if farthest > 0.0:
         low, high = max(low, parameter.neutral - farthest), min(high, parameter.neutral + farthest)
-    elif i > 0:
-        low = max(low, 0.1 * min(starts))
     return Unknown(parameter.symbol, form.starts[0][i], 0.2 * largest, math.inf, low, high, parameter.unit)
+
+
+def lowest(parameter: Parameter, starts: Sequence[float], i: int) -> float:
+    """The lower bound of the parameter of a form that comes after i others.
+
+    What only some forms of the effect have is no nearer to neutral than a tenth of its starts, where the equation would
+    be a simpler form, and singular: dry friction that is rounded over no speed.
+    """
+    always = any(each != parameter.neutral for each in parameter.typical)
+    return parameter.low if always or i == 0 else max(parameter.low, 0.1 * min(map(abs, starts)))
 
 
 def bsplines(count: int, at: Floats | None = None) -> Floats:

@@ -466,3 +466,58 @@ def test_sharp_transition_comes_to_dry_friction():
     ]
     dry, sharp, less = (run.v1 for run in runs)
     assert np.abs(sharp - dry).max() < 0.3 * np.abs(less - dry).max() < 1e-4
+
+
+# --- Along a motion that is known
+
+
+def _path(rate):
+    """Time, position and velocity of a body that turns round at several speeds."""
+    time, turn = np.arange(0.0, 2.0, 1.0 / rate), 2.0 * math.pi * np.array([1.2, 3.1])
+    sizes = np.array([0.01, 0.003])
+    return time, np.sin(np.outer(time, turn)) @ sizes, np.cos(np.outer(time, turn)) @ (sizes * turn)
+
+
+@pytest.mark.parametrize(("sd", "rs"), [(0.0, 0.0), (3.0, 0.0), (3.0, 0.5)], ids=["dahl", "damped", "lugre"])
+@pytest.mark.parametrize(("rate", "most"), [(1000.0, 2e-3), (10_000.0, 2e-5)])
+def test_bristles_along_a_path_are_those_of_scipy(sd, rs, rate, most):
+    fc, ds, vr = 5.0, 2e-5, 0.02
+    time, x, v = _path(rate)
+    dense, _, speeds = _path(1e5)
+
+    def sliding(speed):
+        return fc * (1.0 + rs * np.exp(-((speed / vr) ** 2)))
+
+    def bends(t, b):
+        speed = np.interp(t, dense, speeds)
+        return fc / ds * (speed - abs(speed) * b / sliding(speed))
+
+    run = solve_ivp(bends, (0.0, time[-1]), [sliding(v[0])], "LSODA", time, rtol=1e-9, atol=1e-9, max_step=1e-4)
+    give = v - np.abs(v) * run.y[0] / sliding(v)
+    chosen = make("dry-friction", fc=fc, ds=ds, sd=sd, rs=rs, vr=vr)
+    force = chosen.effect.on_body(x, v, 0.0 * x, 0.0, chosen.values)
+    assert np.sqrt(np.mean((force + run.y[0] + sd * give) ** 2)) < most * fc
+    # each row of several motions is a motion of its own
+    two = chosen.effect.on_body(np.stack([x, -x]), np.stack([v, -v]), np.zeros((2, x.size)), 0.0, chosen.values)
+    assert np.array_equal(two, np.stack([force, -force]))
+
+
+@pytest.mark.parametrize(
+    "values", [{}, {"vs": 1e-3}, {"rs": 0.6, "vr": 0.02}, {"vs": 1e-3, "rs": 0.6, "vr": 0.02}], ids=str
+)
+def test_friction_without_bristles_has_no_memory(values):
+    _, x, v = _path(1000.0)
+    chosen = make("dry-friction", fc=5.0, **values)
+    force = chosen.effect.on_body(x, v, 0.0 * x, 0.0, chosen.values)
+    level = 5.0 * (1.0 + values.get("rs", 0.0) * np.exp(-((v / values.get("vr", 1.0)) ** 2)))
+    way = np.tanh(v / values["vs"]) if "vs" in values else np.sign(v)
+    assert np.allclose(force, -level * way, rtol=1e-12, atol=1e-12)
+
+
+def test_bristles_that_hardly_give_are_dry_friction():
+    _, x, v = _path(1000.0)
+    stiff, dry = make("dry-friction", fc=5.0, ds=1e-12), make("dry-friction", fc=5.0)
+    forces = [each.effect.on_body(x, v, 0.0 * x, 0.0, each.values) for each in (stiff, dry)]
+    # they turn round with the body, which has its way from one sample to the next
+    differ = np.abs(forces[0] - forces[1]) > 1e-9
+    assert np.count_nonzero(differ) <= np.count_nonzero(np.diff(np.sign(v)))

@@ -1,4 +1,4 @@
-"""Dry friction of a guide: one equation for that of the shaker body and that of the indenter.
+"""Dry friction: one equation for that of the shaker body, of the indenter and of a single body.
 
 Parameters p are the friction force fc in N, the speed vs in m/s at which a lubricated guide begins to slide freely, the
 displacement ds in m by which it gives before it slides, the damping sd in N s/m of what gives, the share rs by which
@@ -14,6 +14,7 @@ with vs the force is g(v) tanh(v / vs), and without either the mass sticks until
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from drillenv.dynamics.constitutive.places import Floats
 
@@ -44,6 +45,39 @@ def law(speed: Floats, p: tuple[float, ...], stiffness: float) -> Floats:
         return more
     # without either it would jump where a mass begins to slide, which no law at a place may: the engine says so
     return (fc + more) * np.tanh(speed / vs) if vs > 0.0 else more * np.sign(speed)
+
+
+def along_path(position: Floats, velocity: Floats, p: tuple[float, ...]) -> Floats:
+    """(..., n) N of friction against a motion of n samples, whose position in m and velocity in m/s (..., n) are known.
+
+    Bristles are bent by the way that has been gone, and begin as a motion that has gone on for long has them; from one
+    sample to the next their equation is solved exactly, for the speed halfway.
+    """
+    fc, vs, ds, sd, rs, vr = p
+    if ds == 0.0:
+        g = fc * (1.0 + rs * np.exp(-((velocity / vr) ** 2))) if rs > 0.0 else fc
+        return g * (np.tanh(velocity / vs) if vs > 0.0 else np.sign(velocity))
+    shape = np.broadcast_shapes(position.shape, velocity.shape)
+    made = np.empty(shape)
+    x, v = (np.ascontiguousarray(np.broadcast_to(each, shape)).reshape(-1, shape[-1]) for each in (position, velocity))
+    _bend(x, v, fc, ds, sd, rs, vr, made.reshape(x.shape))
+    return made
+
+
+@njit(cache=True, nogil=True)
+def _bend(position, velocity, fc, ds, sd, rs, vr, made):
+    """Fill rows (m, n) with the friction of bristles."""
+    for i in range(position.shape[0]):
+        bent, before = 0.0, position[i, 0]
+        for k in range(position.shape[1]):
+            v, way = velocity[i, k], position[i, k] - before
+            before, halfway = position[i, k], 0.5 * (velocity[i, max(k - 1, 0)] + v)
+            # as shares of fc
+            level = 1.0 + rs * np.exp(-((halfway / vr) ** 2))
+            sliding = level * np.sign(way if k > 0 else v)
+            bent = sliding + (bent - sliding) * np.exp(-abs(way) / (ds * level)) if k > 0 else sliding
+            give = v - abs(v) * bent / (1.0 + rs * np.exp(-((v / vr) ** 2)))
+            made[i, k] = fc * bent + sd * give
 
 
 def scalars(mass: str, p: tuple[float, ...]) -> dict[str, float]:

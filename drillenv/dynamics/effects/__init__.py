@@ -25,8 +25,9 @@ With every parameter at its neutral value an effect must change nothing, to the 
 contact never pulls.
 
 Two more functions are NumPy, on whole arrays: ``measure(true, read, p)`` of a sensor, which acts on no motion but on
-what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig;
-``body_forms`` say from where a diagnosis of such a rig tries it.
+what is recorded, and ``on_body(position, velocity, applied, stiffness, p)``, the force on the mass of a one-body rig
+along motions (..., n) of n samples, so that it may remember; ``body_forms`` say from where a diagnosis of such a rig
+tries it.
 
 A diagnosis tries the equations of ``forms`` and ``body_forms`` in the place of laws that it has fitted freely. Where no
 equation follows such a law, it is reported as the effect that claims it by ``free_laws``. Most effects claim none, and

@@ -11,24 +11,22 @@ STEEPEST = 1e9
 """N/s: at this slew rate, the bound, nothing is limited."""
 
 
-def _held(spring, p):
-    """Force in N of a spring, of that which it would have without a limit."""
-    gradual = spring if p[4] >= NONE else spring / np.hypot(1.0, spring / p[4])
-    return np.clip(gradual, -p[1], p[1])
+def _lost(force, largest, neared):
+    """What a force in N changes by, of one that has ``largest`` at most and nears ``neared`` gradually."""
+    gradual = force if neared >= NONE else force / np.hypot(1.0, force / neared)
+    return np.clip(gradual, -largest, largest) - force
 
 
 def _on_body(position, velocity, applied, stiffness, p):
-    spring = stiffness * position
-    return np.clip(applied, -p[0], p[0]) - applied - (_held(spring, p) - spring)
+    return _drive_law(applied, p, stiffness) - _spring_law(position, p, stiffness)
 
 
 def _drive_law(asked, p, stiffness):
-    return np.clip(asked, -p[0], p[0]) - asked
+    return _lost(asked, p[0], p[5])
 
 
 def _spring_law(shortening, p, stiffness):
-    force = stiffness * shortening
-    return _held(force, p) - force
+    return _lost(stiffness * shortening, p[1], p[4])
 
 
 def _scalars(p):
@@ -40,9 +38,9 @@ EFFECT = Effect(
     name="force-limit",
     sentence="The drive, or the spring, cannot push or pull harder than a certain force.",
     equation=(
-        "drive force min(max(F_a sin(theta), -F_max), F_max), which it follows tau_f late and no faster than by S_max, "
-        "from 0 on where the rig begins at rest; spring force min(max(s, -F_s), F_s), s = f / sqrt(1 + (f / F_g)^2), "
-        "f = k (X1 - X2); on a body the applied force and k position likewise, without S_max"
+        "drive force min(max(d, -F_max), F_max), d = f / sqrt(1 + (f / F_h)^2), f = F_a sin(theta), which it follows "
+        "tau_f late and no faster than by S_max, from 0 on where the rig begins at rest; spring force likewise of "
+        "f = k (X1 - X2) by F_s and F_g; on a body the applied force and k position likewise, without S_max"
     ),
     source="constitutive",
     parameters=(
@@ -51,6 +49,7 @@ EFFECT = Effect(
         Parameter("S_max", "slew rate of the drive", "N/s", 1.0, STEEPEST, STEEPEST, (STEEPEST, STEEPEST)),
         Parameter("tau_f", "delay of a drive whose slew rate is limited", "s", 0.0, 1e-3, 0.0, (0.0, 0.0)),
         Parameter("F_g", "force that a spring nears gradually", "N", 1.0, NONE, NONE, (NONE, NONE)),
+        Parameter("F_h", "force that the drive nears gradually", "N", 1.0, NONE, NONE, (NONE, NONE)),
     ),
     balances=("indenter", "body"),
     regimes=EVERYWHERE,
@@ -69,7 +68,9 @@ EFFECT = Effect(
     ),
     body_forms=(
         Form("clipped", ("F_max",), ((0.5,), (0.7,), (0.9,))),
+        Form("gradual", ("F_h",), ((0.5,), (1.0,), (2.0,))),
         Form("clipped spring", ("F_s",), ((0.3,), (0.5,), (0.8,))),
+        Form("gradual spring", ("F_g",), ((0.5,), (1.0,), (2.0,))),
     ),
     free_laws=("drive", "slew rate", "saturating spring"),
 )

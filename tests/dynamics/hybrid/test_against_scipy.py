@@ -148,6 +148,10 @@ def gradual_spring(peer, F_g):
     peer.spring = lambda y: peer.k * y * F_g / math.hypot(F_g, peer.k * y)
 
 
+def gradual_drive(peer, F_h):
+    peer.drive = lambda asked: asked * F_h / math.hypot(F_h, asked)
+
+
 def force_limit(peer, F_max=None, F_s=None):
     if F_max is not None:
         peer.drive = clipped(-F_max, F_max)
@@ -221,6 +225,7 @@ EQUATIONS = [
     Case("force-limit", {"F_max": 275.0}, force_limit),
     Case("force-limit", {"F_s": 230.0}, force_limit, name="force-limit-of-the-spring"),
     Case("force-limit", {"F_g": 500.0}, gradual_spring, AT_95, "force-limit-of-the-spring-gradual"),
+    Case("force-limit", {"F_h": 400.0}, gradual_drive, AT_110, "force-limit-gradual"),
     Case("force-limit", {"S_max": 1.3e5, "tau_f": 5e-5}, slew_rate_limit, name="force-limit-of-the-slope"),
     Case("force-limit", {"S_max": 1.5e5}, slew_rate_limit, AT_95, "force-limit-ramps-alone"),
     Case("guide-friction", {"fc1": 47.5}, guide_friction),
