@@ -1,7 +1,8 @@
-"""A single body that conceals physics: mass * acceleration = force - law(position, velocity), shaken or on an axis.
+"""A single body that conceals physics: mass * acceleration = force - law(position, velocity).
 
-As :mod:`drillenv.blind.rig` it shares nothing with the package's engines. The classical Runge-Kutta method takes steps
-of 50 us; friction is rounded, so that nothing has to be located.
+It is shaken, follows a path on an axis, or is pulled aside and let go. As :mod:`drillenv.blind.rig` it shares nothing
+with the package's engines. The classical Runge-Kutta method takes steps of 50 us; friction is rounded, so that nothing
+has to be located.
 """
 
 from __future__ import annotations
@@ -17,8 +18,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from drillenv.blind import curves, laws
-from drillenv.blind.body_mechanisms import BODY_MECHANISMS, ON_AXIS, TRAVEL, Scale, scaled
-from drillenv.blind.campaigns import Made, Planned, deal, schedule
+from drillenv.blind.body_mechanisms import (
+    BODY_MECHANISMS,
+    FORCE,
+    ON_AXIS,
+    SATURATING_SPRING,
+    TRAVEL,
+    Scale,
+    acts_over,
+    scaled,
+)
+from drillenv.blind.campaigns import Card, Made, Planned, deal, schedule
 from drillenv.blind.laws import BACKLASH, DAMPER, DRY, LIMIT, SPRING, VISCOUS
 from drillenv.blind.mechanisms import ANYWHERE, Concealed
 from drillenv.recordings import Campaign, Channel, Nominal, Recording
@@ -29,6 +39,8 @@ STEP = 5e-5
 RATE = 1000.0
 SECONDS = 4.0
 UNITS = {"mass": "kg", "stiffness": "N/m", "damping": "N*s/m", "offset": "N"}
+UNITS_READ = {"force": "N", "position": "m", "acceleration": "m/s^2"}
+"""Of the channels."""
 TOLERANCES = {"mass": 0.01, "stiffness": 0.02, "damping": 0.03}
 """Standard deviations of what a lab states, as shares."""
 WRONG = (6.0, 10.0)
@@ -40,10 +52,15 @@ BODY_GROUPS = {
     "library-equation": 6,
     "other-equation": 12,
     "weak-third": 5,
+    "two": 6,
+    "no-force": 6,
     "beside-wrong-constant": 3,
     "noisy": 3,
 }
-"""Groups of campaigns of single bodies, and how many of each 36 are of each."""
+"""Groups of campaigns of single bodies, and how many of each 48 are of each."""
+
+DECKS = {"library-equation": "library", "other-equation": "other", "no-force": "no-force"}
+"""From which a group's mechanism is dealt, where not from all."""
 
 
 class Body(NamedTuple):
@@ -89,7 +106,7 @@ def _rates(body, codes, p, tones, pace, t, x, v, bent):
     mass, k, c, offset = body
     asked = _asked(tones, t, x, v, mass, pace)
     added, bends = 0.0, 0.0
-    if codes[LIMIT] == 5:
+    if codes[LIMIT] == SATURATING_SPRING:
         added -= laws.spring_saturation(codes[LIMIT], p[LIMIT], x)
     else:
         added += laws.limited(codes[LIMIT], p[LIMIT], asked) - asked
@@ -158,20 +175,37 @@ def move_body(
 
 
 def plan_bodies(seed: int, campaigns: int) -> list[Planned]:
-    """For each campaign its group and the mechanism that it conceals, dealt from shuffled decks."""
+    """For each campaign its group and the mechanisms that it conceals, dealt from shuffled decks."""
     rng = np.random.default_rng((seed, 0))
-    decks: dict[str, list[tuple[str, int]]] = {}
+    decks: dict[str, list[Card]] = {}
     cards = [(name, i) for name, each in BODY_MECHANISMS.items() for i in range(len(each.equations))]
     chosen = {
         "library": [card for card in cards if BODY_MECHANISMS[card[0]].equations[card[1]].of_library],
         "other": [card for card in cards if not BODY_MECHANISMS[card[0]].equations[card[1]].of_library],
+        "no-force": [card for card in cards if acts_over(*card) != FORCE],
         "any": cards,
     }
+
+    def dealt_from(deck: str) -> Card:
+        return deal(rng, decks, deck, chosen[deck])
+
+    def two() -> list[Card]:
+        """One by the library's equation, and another one; by another equation it is over another argument."""
+        second = "other" if rng.random() < 0.5 else "library"
+        while True:
+            first, other = dealt_from("library"), dealt_from(second)
+            if first[0] != other[0] and (second == "library" or acts_over(*first) != acts_over(*other)):
+                return [first, other]
+
     planned = []
     for group in schedule(campaigns, BODY_GROUPS):
-        deck = {"library-equation": "library", "other-equation": "other"}.get(group, "any")
-        none = group in ("null", "wrong-constant")
-        planned.append(Planned(group, [] if none else [deal(rng, decks, deck, chosen[deck])]))
+        if group in ("null", "wrong-constant"):
+            dealt: list[Card] = []
+        elif group == "two":
+            dealt = two()
+        else:
+            dealt = [dealt_from(DECKS.get(group, "any"))]
+        planned.append(Planned(group, dealt))
     return planned
 
 
@@ -180,23 +214,27 @@ def make_body_campaign(seed: int, index: int, planned: Planned) -> Made:
     rng = np.random.default_rng((seed, 2, index))
     group, cards, _ = planned
     share = 1 / 3 if group == "weak-third" else 1.0
-    axis = cards[0][0] in ON_AXIS if cards else bool(rng.random() < 0.5)
+    forced = group != "no-force"
+    axis = forced and (all(name in ON_AXIS for name, _ in cards) if cards else bool(rng.random() < 0.5))
     body, scale = _drawn_body(rng, axis)
     hidden = []
     for name, i in cards:
         equation = BODY_MECHANISMS[name].equations[i]
         drawn = Concealed(name, equation, MappingProxyType(equation.draw(rng, share, ANYWHERE)))
         hidden.append(scaled(drawn, share, scale, body.mass))
-    if hidden and hidden[0].mechanism == "viscous-damping":
+    if any(each.mechanism == "viscous-damping" for each in hidden):
         body = body._replace(damping=0.0)
     wrong = {}
     if group in ("wrong-constant", "beside-wrong-constant"):
         names = ["mass"] + (["damping"] if body.damping > 0.0 and axis else []) + ([] if axis else ["stiffness"])
         wrong = {str(rng.choice(names)): float(rng.choice([-1.0, 1.0])) * float(rng.uniform(*WRONG))}
     noise = (5.0 if group == "noisy" else 1.0) * float(np.exp(rng.uniform(-0.4, 0.4)))
-    runs = [_run(rng, body, hidden, scale, axis, i) for i in range(6)]
+    runs = [
+        _run(rng, body, hidden, scale, axis, i) if forced else _let_go(rng, body, hidden, scale, i) for i in range(6)
+    ]
     sizes = (0.004 * scale.force * noise, 1e-5 * TRAVEL * noise, 0.004 * scale.force / body.mass * noise)
-    recordings = tuple(_recording(rng, run, axis, sizes, f"r{i + 1:02d}") for i, run in enumerate(runs))
+    channels = ["position", *(["force"] if forced else []), *([] if axis else ["acceleration"])]
+    recordings = tuple(_recording(rng, run, channels, sizes, f"r{i + 1:02d}") for i, run in enumerate(runs))
     nominal = _stated(rng, body, wrong, scale)
     campaign = Campaign(f"campaign {index + 1}", "one-body", nominal, recordings, Path("."))
     return Made(campaign, _answer(group, hidden, body, wrong, scale, runs, sizes), body, tuple(hidden))
@@ -226,20 +264,20 @@ def _run(rng, body: Body, hidden, scale: Scale, axis: bool, number: int) -> Body
     return move_body(body, hidden, tones, 0.0, (0.0, 0.0))
 
 
-def _recording(rng, run: BodyMotion, axis: bool, sizes, name: str) -> Recording:
-    every = round(1.0 / (RATE * STEP))
+def _let_go(rng, body: Body, hidden, scale: Scale, number: int) -> BodyMotion:
+    """One recording's motion where nothing pushes: the body is pulled to one side and the other, and let go."""
+    start = (-1.0) ** number * TRAVEL * (0.6 + 0.12 * number), scale.speed * float(rng.uniform(-0.3, 0.3))
+    return move_body(body, hidden, np.zeros((1, 3)), 0.0, start)
 
-    def read(signal: Floats, std: float) -> Floats:
-        kept = signal[::every]
-        return kept + rng.normal(0.0, std, kept.size)
 
-    channels = {
-        "force": Channel(read(run.force, sizes[0]), "N", "force"),
-        "position": Channel(read(run.position, sizes[1]), "m", "position"),
-    }
-    if not axis:
-        channels["acceleration"] = Channel(read(run.acceleration, sizes[2]), "m/s^2", "acceleration")
-    return Recording(name, f"{name}.csv", RATE, channels)
+def _recording(rng, run: BodyMotion, channels: Sequence[str], sizes, name: str) -> Recording:
+    every, noise = round(1.0 / (RATE * STEP)), dict(zip(UNITS_READ, sizes, strict=True))
+
+    def read(channel: str) -> Channel:
+        kept = getattr(run, channel)[::every]
+        return Channel(kept + rng.normal(0.0, noise[channel], kept.size), UNITS_READ[channel], channel)
+
+    return Recording(name, f"{name}.csv", RATE, {channel: read(channel) for channel in channels})
 
 
 def _stated(rng, body: Body, wrong, scale: Scale) -> dict[str, Nominal]:

@@ -12,6 +12,12 @@ from drillenv.blind.mechanisms import Concealed, Draw, Equation, Mechanism
 TRAVEL = 0.01
 """m, of a body to either side."""
 
+POSITION, SPEED, FORCE = "position", "speed", "force"
+OVER = {SPRING: POSITION, BACKLASH: POSITION, DAMPER: SPEED, VISCOUS: SPEED, DRY: SPEED, LIMIT: FORCE}
+"""By place, what a law is over."""
+SATURATING_SPRING = 5
+"""Among the limits, the law that is over the position."""
+
 
 def _grows(name: str, low: float, high: float, **others: tuple[float, float]) -> Draw:
     """A strength in proportion to the share, and numbers of its shape; scaled to the body in ``scaled``."""
@@ -55,7 +61,7 @@ _LISTED = (
         (
             Equation("clipped", _grows("F_max", 0.2, 0.45), LIMIT, 1, of_library=True),
             Equation("bent over", _grows("F_s", 0.5, 0.9), LIMIT, 2),
-            Equation("saturating spring", _grows("w", 0.5, 1.2), LIMIT, 5),
+            Equation("saturating spring", _grows("w", 0.5, 1.2), LIMIT, SATURATING_SPRING),
         ),
     ),
     Mechanism(
@@ -79,6 +85,13 @@ BODY_MECHANISMS = MappingProxyType({each.name: each for each in _LISTED})
 """What a single body may conceal, by name."""
 ON_AXIS = ("viscous-damping", "dry-friction")
 """Those that are concealed on an axis; the others want a spring."""
+
+
+def acts_over(name: str, index: int) -> str:
+    """What an equation of a mechanism is over: the position, the speed, or the force that is asked for."""
+    equation = BODY_MECHANISMS[name].equations[index]
+    assert equation.place is not None
+    return POSITION if (equation.place, equation.code) == (LIMIT, SATURATING_SPRING) else OVER[equation.place]
 
 
 class Scale(NamedTuple):
@@ -116,7 +129,7 @@ def scaled(each: Concealed, share: float, scale: Scale, mass: float) -> Conceale
             if power is None
             else {name: p[name] * f / x**power}
         )
-    elif place == LIMIT and code == 5:
+    elif place == LIMIT and code == SATURATING_SPRING:
         made = {"s_0": 0.0, "w": p["w"] * x / share**1.5, "k": scale.stiffness}
     elif place == LIMIT:
         name = next(iter(p))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from drillenv.blind.body import Body, make_body_campaign, move_body, plan_bodies
-from drillenv.blind.body_mechanisms import BODY_MECHANISMS
+from drillenv.blind.body import BODY_GROUPS, Body, make_body_campaign, move_body, plan_bodies
+from drillenv.blind.body_mechanisms import BODY_MECHANISMS, acts_over
 from drillenv.blind.campaigns import Planned
 from drillenv.blind.mechanisms import Concealed
 
@@ -75,6 +75,27 @@ def test_every_equation_acts_and_the_answer_has_its_curve(name):
             assert np.ptp(curve["y"]) > 0.0
         samples = [each.samples for r in made.campaign.recordings for each in r.channels.values()]
         assert all(np.all(np.isfinite(each)) for each in samples)
+
+
+def test_each_group_is_recorded_as_the_rules_say():
+    planned = plan_bodies(9, 48)
+    assert len({each.group for each in planned}) == len(BODY_GROUPS) and len(planned) == 48
+    for group, cards, _ in planned:
+        over = [acts_over(*card) for card in cards]
+        library = [BODY_MECHANISMS[name].equations[i].of_library for name, i in cards]
+        if group == "two":
+            assert len({name for name, _ in cards}) == 2 and library[0]
+            assert library[1] or over[0] != over[1]
+        if group == "no-force":
+            assert over[0] != "force"
+    i = next(i for i, each in enumerate(planned) if each.group == "no-force")
+    made = make_body_campaign(9, i, planned[i])
+    assert all(set(each.channels) == {"position", "acceleration"} for each in made.campaign.recordings)
+    first, second = (each.channels["position"].samples[0] for each in made.campaign.recordings[:2])
+    assert first * second < 0.0 < made.answer["missing"]["body"]
+    i = next(i for i, each in enumerate(planned) if each.group == "two")
+    made = make_body_campaign(9, i, planned[i])
+    assert "force" in made.campaign.recordings[0].channels and len(made.answer["mechanisms"]) == 2
 
 
 def test_a_campaign_depends_on_its_seed_and_number_alone():
