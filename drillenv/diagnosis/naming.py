@@ -156,16 +156,20 @@ def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, most: fl
     """Fits of equations from that of a simpler one, of those ``tried``, where their own may be no minima.
 
     That is so where the simpler one has ended better, and where an equation has more parameters than the law, of a
-    ``size``, so that the law says nothing of where it begins: from a simpler one that costs ``most`` at most. Dry
-    friction has a minimum for each stop of a mass that is missed, and a mount for each mode that a second mass may be
-    taken for; what they have come to in the simpler equation is nearer to the deepest one.
+    ``size``, so that the law says nothing of where it begins: from a simpler one that costs ``most`` at most, where
+    that leaves something. Dry friction has a minimum for each stop of a mass that is missed, and a mount for each
+    mode that a second mass may be taken for; what they have come to in the simpler equation is nearer to the
+    deepest one.
     """
     found = []
     for equation in {each.name: each for each, _ in tried}.values():
         own = min(fit.cost for each, fit in tried if each.name == equation.name)
         special = [pair for pair in tried if is_special_case(pair[0], equation)]
         simpler, base = min(special, key=lambda pair: pair[1].cost, default=(equation, None))
-        if base is None or (base.cost >= own and (len(equation.unknowns) <= size or base.cost > most)):
+        if base is None:
+            continue
+        told_by_law = len(equation.unknowns) <= size or base.reduced_chi_square < 1.0 + LEFT
+        if base.cost >= own and (told_by_law or base.cost > most):
             continue
         given = {each.name: value for each, value in zip(simpler.unknowns, base.values_of(simpler.name), strict=True)}
         rest, kept = without(base, [simpler])

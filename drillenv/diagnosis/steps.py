@@ -398,6 +398,9 @@ def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
             rest, begun = without(fitted, [*step.terms, *(term for each in there for term in each.terms)])
             structure, start = with_more(rest, begun, family)
             other = fitted.refit(structure, start)
+            if other.cost - fitted.cost > LAW_LEFT * step.gain:
+                # no finer law of it comes close where it does not beside all others either
+                continue
             finer = refined(other, family)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
             saved = penalty(family.size - 1, fitted) if measured else 0.0
