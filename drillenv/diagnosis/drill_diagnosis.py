@@ -46,7 +46,7 @@ from drillenv.diagnosis.progress import (
 )
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import forward
+from drillenv.diagnosis.selection import Keep, forward
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.steps import Step, mechanisms_of
@@ -167,22 +167,32 @@ def diagnose_drill(
         say(label.sentence)
     # one that was running has a first contact of which less is known
     campaign, unusable = without_unusable(campaign, nominal_rig(campaign)) if labels else (campaign, [])
-    outcome = search(campaign, say, jobs, scope, interruptible, within)
+
+    def left() -> float:
+        return max(last - time.process_time(), 0.0)
+
+    while True:
+        try:
+            outcome = search(campaign, say, jobs, scope, interruptible, left(), labels=labels)
+            break
+        except CorrectionContradicted as contradicted:
+            other = with_label_put_back(campaign, labels, contradicted.label)
+            say(f"{other.why}: once more {other.how}")
+            campaign, labels = other.campaign, other.labels
     if outcome.stopped:
         return replace(outcome, labels=labels, unusable=unusable)
     other = second_look(campaign, labels, outcome)
     if other is not None:
         say(f"{other.why}: once more {other.how}")
-        left = max(last - time.process_time(), 0.0)
         try:
-            again = search(other.campaign, say, jobs, scope, interruptible, left, other.known)
+            again = search(other.campaign, say, jobs, scope, interruptible, left(), other.known)
         except KeyboardInterrupt:
             if not interruptible:
                 raise
             return replace(outcome, labels=labels, unusable=unusable, stopped=f"looking once more {other.how}")
         if again.verdict != "unexplained" and not again.stopped:
             outcome, labels = again, other.labels
-    return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome)], unusable=unusable)
+    return replace(outcome, labels=[*labels, *mislabelled_pressures_by_fit(outcome.every)], unusable=unusable)
 
 
 class SecondLook(NamedTuple):
@@ -201,18 +211,13 @@ class SecondLook(NamedTuple):
 def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -> SecondLook | None:
     """A campaign with other labels that may be explained better, if there is one.
 
-    With a pressure as it was stated, where it was corrected and the model that was found puts it back: what is missing
-    may take a recording off the line of the others. Or else without a recording that alone is not explained.
+    With a pressure as it was stated, where it was corrected and the model that was found puts it back. Or else without
+    a recording that alone is not explained.
     """
-    back = contradicted_correction(labels, outcome)
+    back = contradicted_correction(labels, outcome.every)
     if back is not None:
-        as_stated = replace(back, seems=back.stated)
-        every = (relabelled(each, as_stated) if each.name == back.recording else each for each in campaign.recordings)
-        others = [each for each in labels if each is not back]
-        why = f"what was found puts the pressure of {back.recording} back"
         fitted = back.recording in {each.name for each in outcome.fit_data}
-        known = None if fitted else outcome.known
-        return SecondLook(replace(campaign, recordings=tuple(every)), others, why, "with it as stated", known)
+        return with_label_put_back(campaign, labels, back)._replace(known=None if fitted else outcome.known)
     alone = outlying_recording(outcome) if outcome.verdict == "unexplained" else None
     if alone is None:
         return None
@@ -224,15 +229,46 @@ def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -
     return SecondLook(replace(campaign, recordings=rest), [*others, set_aside], why, f"without {alone}")
 
 
-def contradicted_correction(labels: Sequence[Label], outcome: Outcome) -> Label | None:
+class CorrectionContradicted(Exception):  # noqa: N818 - a search ends by it, and nothing has gone wrong
+    """What a search has found puts a corrected label back, so that it goes on from a wrong one."""
+
+    def __init__(self, label: Label) -> None:
+        super().__init__(label.sentence)
+        self.label = label
+
+
+def with_label_put_back(campaign: Campaign, labels: Sequence[Label], back: Label) -> SecondLook:
+    """A campaign with a corrected pressure as it was stated: what is missing may have taken it off the others' line."""
+    as_stated = replace(back, seems=back.stated)
+    every = (relabelled(each, as_stated) if each.name == back.recording else each for each in campaign.recordings)
+    others = [each for each in labels if each is not back]
+    why = f"what was found puts the pressure of {back.recording} back"
+    return SecondLook(replace(campaign, recordings=tuple(every)), others, why, "with it as stated")
+
+
+def contradicted_correction(labels: Sequence[Label], every: Sequence[StateEstimate]) -> Label | None:
     """A corrected pressure that a fit puts nearer to what was stated than to what it was corrected to."""
     corrected = [each for each in labels if each.field == "pressure"]
-    found = {each.recording: float(each.seems) for each in mislabelled_pressures_by_fit(outcome)} if corrected else {}
+    found = {each.recording: float(each.seems) for each in mislabelled_pressures_by_fit(every)} if corrected else {}
     for each in corrected:
         fitted = found.get(each.recording, float(each.seems))
         if abs(fitted - float(each.stated)) < abs(fitted - float(each.seems)):
             return each
     return None
+
+
+def unless_contradicted(
+    labels: Sequence[Label], keep: Keep, fitted: Fitted, steps: list[Step], tested: ScoreTests
+) -> None:
+    """Keep what has been found.
+
+    Raises:
+        CorrectionContradicted: it leaves nothing and contradicts a corrected label, which further families would serve.
+    """
+    keep(fitted, steps, tested)
+    back = contradicted_correction(labels, estimates_of(fitted)) if fitted.reduced_chi_square < 1.0 + LEFT else None
+    if back is not None:
+        raise CorrectionContradicted(back)
 
 
 def search(
@@ -243,10 +279,14 @@ def search(
     interruptible: bool = False,
     within: float = math.inf,
     known: Known | None = None,
+    labels: Sequence[Label] = (),
 ) -> Outcome:
     """The verdict on recordings as they are labelled; arguments as of :func:`diagnose_drill`.
 
     Where it is ``known`` already what the search ends with, that is held against recordings alone.
+
+    Raises:
+        CorrectionContradicted: what is found puts one of these ``labels``, that were corrected, back.
     """
     rig = nominal_rig(campaign)
     data = conditioned(campaign.recordings, rig)
@@ -258,7 +298,7 @@ def search(
     with threadpool_limits(1), ThreadPoolExecutor(jobs) as pool:
         progress = Progress(say, within)
         try:
-            known = known or selected(campaign, fit_data, Timed(pool, progress), progress, scope, near)
+            known = known or selected(campaign, fit_data, Timed(pool, progress), progress, scope, near, labels)
         except KeyboardInterrupt as interrupted:
             if progress.known is None or not (interruptible or isinstance(interrupted, OutOfTime)):
                 raise
@@ -303,8 +343,12 @@ def selected(
     progress: Progress,
     scope: Scope | None = None,
     near: Sequence[str] = (),
+    labels: Sequence[Label] = (),
 ) -> Known:
-    """Families found on stretches of the recordings, then on all of them; ``near`` as of :func:`plain_fit`."""
+    """Families found on stretches of the recordings, then on all of them.
+
+    ``near`` as of :func:`plain_fit`, ``labels`` as of :func:`search`, and so what is raised.
+    """
     say = progress.say
     progress.stage(FITTING)
     begun = plain_fit(campaign, [each.first(STRETCH) for each in data], pool, near)
@@ -312,12 +356,12 @@ def selected(
     say(f"reduced chi-square {begun.reduced_chi_square:.3f}")
     progress.keep(begun, begun, [], ScoreTests([], 1.0))
     progress.stage(SEARCHING)
-    found, steps, tested = forward(begun, say, keep=partial(progress.keep, begun))
+    found, steps, tested = forward(begun, say, keep=partial(unless_contradicted, labels, partial(progress.keep, begun)))
     progress.keep(begun, found, steps, tested)
     progress.stage(EXTENDING)
     final = extended(data, found, pool)
     plain = begun if steps else final
-    keep = partial(progress.keep, plain)
+    keep = partial(unless_contradicted, labels, partial(progress.keep, plain))
     keep(final, steps, tested)
     say(f"reduced chi-square {final.reduced_chi_square:.3f}")
     by_equations = {step.family.group for step in steps if step.named.equation is not None}
@@ -371,9 +415,8 @@ def outlying_recording(outcome: Outcome) -> str | None:
     return every[worst].block.name if left[worst] > np.delete(left, worst).sum() else None
 
 
-def mislabelled_pressures_by_fit(outcome: Outcome) -> list[Label]:
+def mislabelled_pressures_by_fit(every: Sequence[StateEstimate]) -> list[Label]:
     """Pressures that a fit puts off their labels by much more than those of the other recordings."""
-    every = outcome.every
     if len(every) <= FEWEST_FOR_A_LINE:
         return []
     off = np.array([own[block.windows * block.state_count(own)] for block, own, _shared in every])

@@ -172,7 +172,7 @@ def test_a_recording_that_is_too_short_once_its_label_is_right_is_left_out(monke
     recordings = [short if each is whole else each for each in campaign.recordings]
     searched = []
 
-    def search(given, *_):
+    def search(given, *_, **__):
         searched.extend(each.name for each in given.recordings)
         return Outcome("agrees", [], *[None] * 6, [], stopped="here")  # type: ignore[arg-type]
 
@@ -193,12 +193,57 @@ def test_a_pressure_that_the_fit_puts_back_is_searched_as_stated(monkeypatch, ca
     name, true = campaign.recordings[2].name, campaign.recordings[2].setting.pressure
     corrected = Label(name, "pressure", true, 1.1 * true, 0.01)
     by_fit = [Label(name, "pressure", 1.1 * true, fitted * true, 0.01)]
-    monkeypatch.setattr(drill_diagnosis, "mislabelled_pressures_by_fit", lambda _outcome: by_fit)
+    monkeypatch.setattr(drill_diagnosis, "mislabelled_pressures_by_fit", lambda _every: by_fit)
     fit_data = [SimpleNamespace(name=each.name) for each in campaign.recordings if fits or each.name != name]
-    outcome: Any = SimpleNamespace(verdict="missing-physics", fit_data=fit_data, known="what was found")
+    outcome: Any = SimpleNamespace(verdict="missing-physics", fit_data=fit_data, every=[], known="what was found")
     other = drill_diagnosis.second_look(relabelled(campaign, 2, pressure=1.1 * true), [corrected], outcome)
     if back:
         assert other.labels == [] and other.campaign.recordings[2].setting.pressure == true
         assert other.known == (None if fits else "what was found")
     else:
         assert other is None
+
+
+@pytest.mark.parametrize(("left", "fitted", "ends"), [(1.02, 0.99, True), (1.3, 0.99, False), (1.02, 1.12, False)])
+def test_a_search_does_not_go_on_from_a_wrong_correction(monkeypatch, campaigns, left, fitted, ends):
+    """Once a model leaves nothing, families that are still called for would serve the label alone."""
+    campaign, kept = campaigns[0], []
+    name, true = campaign.recordings[2].name, campaign.recordings[2].setting.pressure
+    corrected = Label(name, "pressure", true, 1.1 * true, 0.01)
+    by_fit = [Label(name, "pressure", 1.1 * true, fitted * true, 0.01)]
+    monkeypatch.setattr(drill_diagnosis, "mislabelled_pressures_by_fit", lambda _every: by_fit)
+    monkeypatch.setattr(drill_diagnosis, "estimates_of", lambda _fitted: [])
+    fit: Any = SimpleNamespace(reduced_chi_square=left)
+    nothing: Any = None
+
+    def tell():
+        drill_diagnosis.unless_contradicted([corrected], lambda *found: kept.append(found), fit, [], nothing)
+
+    if ends:
+        with pytest.raises(drill_diagnosis.CorrectionContradicted) as contradicted:
+            tell()
+        wrong = relabelled(campaign, 2, pressure=1.1 * true)
+        other = drill_diagnosis.with_label_put_back(wrong, [corrected], contradicted.value.label)
+        assert other.labels == [] and other.campaign.recordings[2].setting.pressure == true
+    else:
+        tell()
+    assert kept == [(fit, [], nothing)]
+
+
+def test_the_search_begins_again_with_a_label_that_was_put_back(monkeypatch, campaigns):
+    campaign, searched = campaigns[0], []
+    name, true = campaign.recordings[2].name, campaign.recordings[2].setting.pressure
+    corrected = Label(name, "pressure", true, 1.1 * true, 0.01)
+    wrong = relabelled(campaign, 2, pressure=1.1 * true)
+    monkeypatch.setattr(drill_diagnosis, "with_labels_corrected", lambda _campaign: (wrong, [corrected]))
+
+    def search(given, *_, labels, **__):
+        searched.append((given.recordings[2].setting.pressure, list(labels)))
+        if labels:
+            raise drill_diagnosis.CorrectionContradicted(labels[0])
+        return Outcome("agrees", [], *[None] * 6, [], stopped="here")  # type: ignore[arg-type]
+
+    monkeypatch.setattr(drill_diagnosis, "search", search)
+    outcome = drill_diagnosis.diagnose_drill(campaign)
+    assert searched == [(pytest.approx(1.1 * true), [corrected]), (true, [])]
+    assert outcome.labels == []
