@@ -155,7 +155,8 @@ class Followed:
 def prepared(folder: Path, names: Collection[str] | None = None) -> Split:
     """Recordings of a campaign prepared as a diagnosis prepares them.
 
-    ``names`` are those held out; where there are none, those that a diagnosis would hold out.
+    ``names`` are those held out; where there are none, those that a diagnosis would hold out. Where it predicted each
+    of a few by a fit to the others, the last.
     """
     campaign = read_campaign(folder)
     campaign, _left_out = sound_parts(campaign, check_quality(campaign))
@@ -165,6 +166,7 @@ def prepared(folder: Path, names: Collection[str] | None = None) -> Split:
     campaign, _labels = with_labels_corrected(campaign)
     data = conditioned(campaign.recordings, rig)
     held = {i for i, each in enumerate(data) if each.name in names} if names else held_out(data)
+    held = held if len(held) < len(data) else {len(data) - 1}
     return Split(
         campaign,
         [each for i, each in enumerate(data) if i not in held],

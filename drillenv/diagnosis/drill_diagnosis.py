@@ -214,7 +214,7 @@ def second_look(campaign: Campaign, labels: Sequence[Label], outcome: Outcome) -
     With a pressure as it was stated, where it was corrected and the model that was found puts it back. Or else without
     a recording that alone is not explained.
     """
-    back = contradicted_correction(labels, outcome.every)
+    back = contradicted_correction(labels, outcome.every) if labels else None
     if back is not None:
         fitted = back.recording in {each.name for each in outcome.fit_data}
         return with_label_put_back(campaign, labels, back)._replace(known=None if fitted else outcome.known)
@@ -266,9 +266,10 @@ def unless_contradicted(
         CorrectionContradicted: it leaves nothing and contradicts a corrected label, which further families would serve.
     """
     keep(fitted, steps, tested)
-    back = contradicted_correction(labels, estimates_of(fitted)) if fitted.reduced_chi_square < 1.0 + LEFT else None
-    if back is not None:
-        raise CorrectionContradicted(back)
+    if labels and fitted.reduced_chi_square < 1.0 + LEFT:
+        back = contradicted_correction(labels, estimates_of(fitted))
+        if back is not None:
+            raise CorrectionContradicted(back)
 
 
 def search(

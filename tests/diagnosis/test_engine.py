@@ -184,7 +184,7 @@ def test_a_law_of_the_contact_that_changes_too_fast_is_refused(bench, place):
     [
         ("contact-power-law", (1.3,), 0, 1e-5),
         ("contact-toe", (2e-5, 0.2, 0.5), 0, 1e-5),
-        ("force-limit", (250.0, 300.0), 0, 1e-5),
+        ("force-limit", (250.0, 300.0, 1e9, 0.0, 1e6, 1e6), 0, 1e-5),
         ("backlash", (4e-4, -1e-4, 0.0, 0.0), 0, 1e-5),
         ("damping-quadratic", (600.0, 2.0), 0, 1e-5),
         ("damping-quadratic", (300.0, 1.5), 1, 1e-5),

@@ -124,7 +124,7 @@ def test_an_interruption_of_a_second_search_keeps_the_first(monkeypatch):
     first: Any = Outcome("unexplained", [], *[None] * 6, [])  # type: ignore[arg-type]
     searches = iter([first])
 
-    def search(*_):
+    def search(*_, **__):
         for each in searches:
             return each
         raise KeyboardInterrupt

@@ -624,7 +624,7 @@ def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_c
     @dataclass
     class Ended:
         cost: float
-        reduced_chi_square = 1.01
+        reduced_chi_square: float = 1.3
 
         def values_of(self, _name):
             return np.array([2e-8, 25.0, 0.2])
@@ -644,7 +644,9 @@ def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_c
     assert {tuple(np.round(each[3:], 12)) for each in begun} == beds and len(begun) == len(beds) > 1
     assert all(np.allclose(each[:3], [2e-8, 25.0, 0.2]) for each in begun)
     assert not naming.from_special_cases(tried, len(two.unknowns), 100.0, lambda _: None)  # type: ignore[arg-type]
-    # of a simpler one that explains little nothing is to be had
+    # one that leaves nothing calls for no second mass, and of one that explains little nothing is to be had
+    nothing_left = [(one, Ended(90.0, 1.01)), (two, Ended(80.0, 1.01))]
+    assert not naming.from_special_cases(nothing_left, size, 100.0, lambda _: None)  # type: ignore[arg-type]
     assert not naming.from_special_cases(tried, size, 85.0, lambda _: None)  # type: ignore[arg-type]
 
 
