@@ -23,6 +23,8 @@ RICHEST = (4, 2, 1)
 """Resolutions of free laws that the richest model may have."""
 PER_PARAMETER = 4.0
 """Independent rows for each parameter of the richest model, at least."""
+ENOUGH = 2.0
+"""The same of those that are judged by the noise of the round before."""
 MOST_LINES = 4
 SHORTEST, MOVES = 128, 0.05
 """Rows of a recording in which a frequency is looked for, and the share of the power of the speed from which it is the
@@ -50,6 +52,10 @@ def noise_of_richest(rig: BodyRig, law: Sequence[Term]) -> Autoregression:
     for turn in range(ROUNDS):
         own = [waves_of(each.body, frequencies) for each, frequencies in zip(stretches, lines, strict=True)]
         judged = [noise.judged(each.keep) for each in stretches]
+        parameters = len(made[0]) + sum(map(len, own))
+        if turn > 0 and noise.share * sum(int(keep.sum()) for keep in judged) < ENOUGH * parameters:
+            # rows that are judged tell the model no more: those before them that the noise asks for are not kept
+            break
         shared = [noise.whiten(rows)[:, keep] for rows, keep in zip(made, judged, strict=True)]
         alone = [noise.whiten(rows)[:, keep] for rows, keep in zip(own, judged, strict=True)]
         pairs = zip(stretches, judged, strict=True)

@@ -27,7 +27,18 @@ from drillenv.diagnosis.solver import Floats
 from drillenv.diagnosis.steps import Step
 from drillenv.diagnosis.tables import Axes, interpolate
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import AGAIN, LEFT, MATERIAL, SEVERAL, SLIGHT, STRUCK, SURELY, TINY, WELL_EXPLAINED
+from drillenv.diagnosis.thresholds import (
+    AGAIN,
+    LEFT,
+    MATERIAL,
+    MOST_OF_LAW,
+    SEVERAL,
+    SLIGHT,
+    STRUCK,
+    SURELY,
+    TINY,
+    WELL_EXPLAINED,
+)
 from drillenv.dynamics.constitutive.places import DAMPER, DRIVE, GUIDE, SPRING
 from drillenv.dynamics.effects import REGISTRY, mechanism_of_law
 from drillenv.recordings import Campaign, QualityFinding
@@ -533,9 +544,14 @@ def effects_of(finding: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def near_equation(step: Step) -> Tried | None:
-    """The equation of fewest parameters, the best first, that explains nearly all that a measured law does."""
+    """The equation that explains nearly all that a measured law does.
+
+    The one of fewest parameters, unless the best takes most of what that leaves.
+    """
     near = [each for each in step.named.tried if each.worse < (1.0 - WELL_EXPLAINED) * step.gain]
-    return min(near, key=lambda each: len(each.equation.unknowns), default=None)
+    least = max(min((each.worse for each in near), default=0.0), 0.0)
+    simple = [each for each in near if MOST_OF_LAW * each.worse <= least]
+    return min(simple, key=lambda each: len(each.equation.unknowns), default=None)
 
 
 def is_of_speed(*steps: Step) -> bool:

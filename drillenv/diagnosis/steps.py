@@ -404,8 +404,10 @@ def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
             finer = refined(other, family)
             say(f"  {family.name} for {step.named.mechanism}: log-likelihood {fitted.cost - finer.cost:+.1f}")
             saved = penalty(family.size - 1, fitted) if measured else 0.0
-            worse = min(finer.cost - fitted.cost, criterion(finer, fitted) - criterion(fitted, fitted))
-            if measured and worse < EQUAL:
+            worse = criterion(finer, fitted) - criterion(fitted, fitted)
+            if measured:
+                worse = min(worse, finer.cost - fitted.cost)
+            if worse < EQUAL:
                 step.named.alike = (*step.named.alike, family.mechanism)
             if worse > saved:
                 continue
