@@ -173,6 +173,10 @@ class BodyRig(Adapter):
     def candidates(self, fitted: Fitted) -> list[Family]:
         """Every family of the motion, of the sensors, and what no mechanism of the library has."""
         free = self.laws(fitted, fitted.structure.axes)
+        equations = [each for each in fitted.structure.terms if isinstance(each, Equation)]
+        if any(self.place_of(each) == DRIVE for each in equations):
+            # a free law beside it bends back what it bends, and is straight
+            free = [each for each in free if each.name != "drive"]
         return [*free, *self.textbook(free), *self.sensors(), *self.outside()]
 
     def textbook(self, free: Sequence[Family]) -> list[Family]:

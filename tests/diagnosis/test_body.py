@@ -322,6 +322,18 @@ def test_a_third_of_the_strength_is_named_too(mechanism, kind, put_in):
     check_named(mechanism, kind, put_in, 0.05 / 3, 8)
 
 
+@pytest.mark.slow
+def test_a_limit_that_is_found_is_not_corrected_by_the_noise_of_the_force():
+    """A free law beside it would be straight in what is measured, which explains itself, noise and all."""
+    made = body_of(np.random.default_rng(7), "shaken")
+    made.quiet = 5.0
+    unstated, truth = _gradual_limit(made, 0.05 * made.scale["force"])
+    (finding,) = diagnose_body(campaign_of(made, unstated)).record["findings"]
+    assert (finding["mechanism"], finding["form"]) == ("force-limit", "gradual")
+    entry = finding["parameters"]["F_h"]
+    assert abs(entry["value"] - truth["F_h"]) < 4.0 * entry["std"] + 0.02 * truth["F_h"]
+
+
 @dataclass
 class Bristled(Made):
     """A body on bristles: friction with a memory, by the equation of Canudas de Wit and others (LuGre)."""
