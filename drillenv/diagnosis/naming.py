@@ -14,7 +14,17 @@ from drillenv.diagnosis.fitting import LOOSE, SHORT, TIGHT, Fitted, penalty, wit
 from drillenv.diagnosis.laws import Equation, Family, on_axes, wider
 from drillenv.diagnosis.solver import Floats, Limits
 from drillenv.diagnosis.terms import ModelStructure, Term
-from drillenv.diagnosis.thresholds import ALIKE, CLOSE, LAW_ERROR, LAW_LEFT, LEFT, MOST_OF_LAW, NOISE_KNOWN, TENSE
+from drillenv.diagnosis.thresholds import (
+    ALIKE,
+    CLOSE,
+    EQUAL,
+    LAW_ERROR,
+    LAW_LEFT,
+    LEFT,
+    MOST_OF_LAW,
+    NOISE_KNOWN,
+    TENSE,
+)
 
 
 class Tried(NamedTuple):
@@ -186,6 +196,30 @@ def from_special_cases(tried: Sequence[tuple[Term, Fitted]], size: int, most: fl
     return found
 
 
+def from_general_case(tried: Sequence[tuple[Term, Fitted]], say) -> list[tuple[Term, Fitted]]:
+    """Fits of equations from that of a more general one, of those ``tried``, which has ended better.
+
+    The more general one may be the simpler one but for a parameter at its bound, by way of which it has found a deeper
+    minimum: play with ends that are hardly rounded. Derivatives of the simpler one are exact there.
+    """
+    found = []
+    for simpler in {each.name: each for each, _ in tried}.values():
+        own = min(fit.cost for each, fit in tried if each.name == simpler.name)
+        general = [pair for pair in tried if is_special_case(simpler, pair[0])]
+        equation, best = min(general, key=lambda pair: pair[1].cost, default=(simpler, None))
+        if best is None or best.cost > own - EQUAL:
+            continue
+        values = dict(zip((each.name for each in equation.unknowns), best.values_of(equation.name), strict=True))
+        rest, kept = without(best, [equation])
+        start = np.append(kept, [values[each.name] / each.scale for each in simpler.unknowns])
+        other = best.refit(replace(rest, terms=(*rest.terms, simpler)), start, SHORT, states_first=True)
+        if other.cost < own and other.reduced_chi_square < CLOSE:
+            other = other.refit()
+        say(f"  {simpler.name} from {equation.name}: worse than that by {other.cost - best.cost:.1f}")
+        found.append((simpler, other))
+    return found
+
+
 def own_starts(equation: Term) -> Sequence[Sequence[float]]:
     """Values of an equation's parameters from which its fits begin."""
     return equation.form.starts if isinstance(equation, Equation) else [[each.value for each in equation.unknowns]]
@@ -232,6 +266,9 @@ def name_law(fitted: Fitted, family: Family, gain: float, say=lambda _: None) ->
     most = fitted.cost + MOST_OF_LAW * gain
     again = from_special_cases([(equation, other) for _, equation, other in tried], family.size, most, say)
     tried += [(as_well_as(equation, other), equation, other) for equation, other in again]
+    if any(as_well for as_well, _, _ in tried):
+        again = from_general_case([(equation, other) for _, equation, other in tried], say)
+        tried += [(as_well_as(equation, other), equation, other) for equation, other in again]
     if not tried:
         return Named(family.mechanism, None), fitted
     # of those that do as well the one with fewer parameters, by the criterion of Schwarz

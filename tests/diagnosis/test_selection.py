@@ -22,7 +22,7 @@ from drillenv.diagnosis.steps import accept
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
 from drillenv.diagnosis.terms import ModelStructure, Term, Unknown
 from drillenv.diagnosis.thresholds import LAW_LEFT
-from drillenv.dynamics.constitutive.places import INDENTER, MOUNT_SPRING
+from drillenv.dynamics.constitutive.places import INDENTER, MOUNT_SPRING, SPRING_FROM_REST
 
 SAMPLES = 20_000
 FLAT = Axes(np.ones(PLACES), -np.ones(PLACES), np.full(PLACES, 2.0 / (GRID - 1)))
@@ -611,6 +611,37 @@ def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_tha
     assert equation is stribeck and start[0] == 5.0
     share, speed = (stribeck.form.starts[0][i] for i in (2, 3))
     assert np.allclose(start[1:] * stribeck.scales, [60.0, 1e-3, share, speed])
+
+
+def test_a_simpler_equation_is_begun_from_the_one_that_found_a_deeper_minimum(monkeypatch):
+    """Play with ends that are hardly rounded is play: where the latter has ended elsewhere, it begins from there."""
+    sharp, rounded = (
+        next(each for each in equations([SPRING_FROM_REST], []) if each.form.name == name)
+        for name in ("no force over the play", "rounded ends")
+    )
+    begun = []
+
+    @dataclass
+    class Ended:
+        cost: float
+        reduced_chi_square: float = 1.02
+
+        def values_of(self, _name):
+            return np.array([1e-3, -8e-5, 4e-6])
+
+        def refit(self, structure=None, start=None, *_, **__):
+            if structure is not None:
+                begun.append(start[1:] * structure.terms[-1].scales)
+            return Ended(80.5)
+
+    base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
+    monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
+    tried = [(sharp, Ended(300.0)), (rounded, Ended(80.0))]
+    ((equation, other),) = naming.from_general_case(tried, lambda _: None)  # type: ignore[arg-type]
+    assert equation is sharp and other.cost == 80.5
+    assert np.allclose(begun, [[1e-3, -8e-5]])
+    # one that has ended as well is left alone
+    assert not naming.from_general_case([(sharp, Ended(82.0)), (rounded, Ended(80.0))], lambda _: None)  # type: ignore[arg-type]
 
 
 def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_case(monkeypatch):
