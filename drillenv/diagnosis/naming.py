@@ -200,7 +200,7 @@ def from_general_case(tried: Sequence[tuple[Term, Fitted]], say) -> list[tuple[T
     """Fits of equations from that of a more general one, of those ``tried``, which has ended better.
 
     The more general one may be the simpler one but for a parameter at its bound, by way of which it has found a deeper
-    minimum: play with ends that are hardly rounded. Derivatives of the simpler one are exact there.
+    minimum: play with ends that are hardly rounded.
     """
     found = []
     for simpler in {each.name: each for each, _ in tried}.values():

@@ -379,7 +379,8 @@ def exchanged(fitted: Fitted, steps: list[Step], say: Say) -> Fitted | None:
     that follows an equation to the noise leaves nothing that a rival could do better, but for one that has explained
     more by more parameters, of which its equations have fewer. Where the step's law follows none, a rival's may: its
     equations are tried unless it is worse by more than their fewer parameters are worth. A measured law of the same
-    force is close to it however much worse it was: what was missing then moved the law, and not what it is a law of.
+    force is tried however much worse it was, and is drawn finer where it comes close beside all others: what was
+    missing then moved the law, and not what it is a law of.
     """
     for step in steps:
         if step.family.constant or step.corrects:
