@@ -277,7 +277,8 @@ def within_box(gradient: Floats, hessian: Floats, priors: Priors, shared: Floats
         priors: Low and high ends, (k,) each.
         shared: (k,) where the step begins, within the box.
     """
-    step, known = np.zeros_like(shared), (np.diag(hessian) > 0.0) & (priors.low < priors.high)
+    step = np.zeros_like(shared)
+    known = np.flatnonzero((np.diag(hessian) > 0.0) & (priors.low < priors.high))
     low, high, gradient = (priors.low - shared)[known], (priors.high - shared)[known], gradient[known]
     inside = hessian[np.ix_(known, known)]
     newton = -np.linalg.solve(inside, gradient)
