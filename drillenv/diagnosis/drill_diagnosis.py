@@ -314,6 +314,13 @@ def search(
             held_data = [each.first(max(block.windows for block in final.blocks)) for each in held_data]
         plain = reestimate_states(plain, final, pool) if steps else final
         proof = proved(fitted_data, held_data, plain, final, pool)
+    outcome = concluded(fit_data, Known(plain, final, steps, tested), proof, say)
+    return replace(outcome, stopped=progress.stopped, known=known)
+
+
+def concluded(fit_data: list[Conditioned], found: Known, proof: Proof, say: Callable[[str], object]) -> Outcome:
+    """The verdict on what was found and how it is proved; what the proof refutes is left out."""
+    plain, final, steps, tested = found
     refuted = [step.named.mechanism for step in mechanisms_of(steps)] if proof.is_refuted else []
     if refuted:
         say("what was found does worse than nothing where it was not fitted, and is left out")
@@ -321,20 +328,7 @@ def search(
     missing = [step for step in steps if not step.family.constant]
     share = share_explained(plain, final, proof)
     verdict = verdict_of(final, missing, proof.chi_squares, share)
-    return Outcome(
-        verdict,
-        fit_data,
-        plain,
-        final,
-        missing,
-        tested,
-        proof,
-        share,
-        [],
-        progress.stopped,
-        refuted=refuted,
-        known=known,
-    )
+    return Outcome(verdict, fit_data, plain, final, missing, tested, proof, share, [], refuted=refuted)
 
 
 def selected(
