@@ -613,35 +613,50 @@ def test_an_equation_that_ends_worse_than_a_special_case_of_it_is_begun_from_tha
     assert np.allclose(start[1:] * stribeck.scales, [60.0, 1e-3, share, speed])
 
 
+@dataclass
+class Ended:
+    """A fit that ends at a cost with these values; what is refitted ends at another, and its start is noted."""
+
+    cost: float
+    values: np.ndarray
+    refitted: float
+    begun: list[np.ndarray]
+    reduced_chi_square: float
+
+    def values_of(self, _name):
+        return self.values
+
+    def refit(self, structure=None, start=None, *_, **__):
+        if structure is not None:
+            self.begun.append(start[1:] * structure.terms[-1].scales)
+        return replace(self, cost=self.refitted)
+
+
+def ended_fits(monkeypatch, values, refitted, reduced_chi_square):
+    """A maker of such fits, over one constant; and where fits that go on from them begin."""
+    begun: list[np.ndarray] = []
+    base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
+    monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
+
+    def made(cost, left=reduced_chi_square):
+        return Ended(cost, np.array(values), refitted, begun, left)
+
+    return made, begun
+
+
 def test_a_simpler_equation_is_begun_from_the_one_that_found_a_deeper_minimum(monkeypatch):
     """Play with ends that are hardly rounded is play: where the latter has ended elsewhere, it begins from there."""
     sharp, rounded = (
         next(each for each in equations([SPRING_FROM_REST], []) if each.form.name == name)
         for name in ("no force over the play", "rounded ends")
     )
-    begun = []
-
-    @dataclass
-    class Ended:
-        cost: float
-        reduced_chi_square: float = 1.02
-
-        def values_of(self, _name):
-            return np.array([1e-3, -8e-5, 4e-6])
-
-        def refit(self, structure=None, start=None, *_, **__):
-            if structure is not None:
-                begun.append(start[1:] * structure.terms[-1].scales)
-            return Ended(80.5)
-
-    base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
-    monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
-    tried = [(sharp, Ended(300.0)), (rounded, Ended(80.0))]
+    ended, begun = ended_fits(monkeypatch, [1e-3, -8e-5, 4e-6], 80.5, 1.02)
+    tried = [(sharp, ended(300.0)), (rounded, ended(80.0))]
     ((equation, other),) = naming.from_general_case(tried, lambda _: None)  # type: ignore[arg-type]
     assert equation is sharp and other.cost == 80.5
     assert np.allclose(begun, [[1e-3, -8e-5]])
     # one that has ended as well is left alone
-    assert not naming.from_general_case([(sharp, Ended(82.0)), (rounded, Ended(80.0))], lambda _: None)  # type: ignore[arg-type]
+    assert not naming.from_general_case([(sharp, ended(82.0)), (rounded, ended(80.0))], lambda _: None)  # type: ignore[arg-type]
 
 
 def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_case(monkeypatch):
@@ -650,24 +665,8 @@ def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_c
         next(each for each in equations([MOUNT_SPRING], NUMBERS_OF_GROUP["mount"]) if each.form.name == name)
         for name in ("one mass", "two masses")
     )
-    begun = []
-
-    @dataclass
-    class Ended:
-        cost: float
-        reduced_chi_square: float = 1.3
-
-        def values_of(self, _name):
-            return np.array([2e-8, 25.0, 0.2])
-
-        def refit(self, structure=None, start=None, *_, **__):
-            if structure is not None:
-                begun.append(start[1:] * structure.terms[-1].scales)
-            return Ended(50.0)
-
-    base = ModelStructure((Term("constants", (Unknown("stiffness", 0.0, 1.0),)),), FLAT, DRILL)
-    monkeypatch.setattr(naming, "without", lambda *_: (base, np.array([5.0])))
-    tried = [(one, Ended(90.0)), (two, Ended(80.0))]
+    ended, begun = ended_fits(monkeypatch, [2e-8, 25.0, 0.2], 50.0, 1.3)
+    tried = [(one, ended(90.0)), (two, ended(80.0))]
     size = len(one.unknowns)
     ((equation, other),) = naming.from_special_cases(tried, size, 100.0, lambda _: None)  # type: ignore[arg-type]
     assert equation is two and other.cost == 50.0
@@ -676,7 +675,7 @@ def test_an_equation_of_more_parameters_than_the_law_is_begun_from_its_special_c
     assert all(np.allclose(each[:3], [2e-8, 25.0, 0.2]) for each in begun)
     assert not naming.from_special_cases(tried, len(two.unknowns), 100.0, lambda _: None)  # type: ignore[arg-type]
     # one that leaves nothing calls for no second mass, and of one that explains little nothing is to be had
-    nothing_left = [(one, Ended(90.0, 1.01)), (two, Ended(80.0, 1.01))]
+    nothing_left = [(one, ended(90.0, 1.01)), (two, ended(80.0, 1.01))]
     assert not naming.from_special_cases(nothing_left, size, 100.0, lambda _: None)  # type: ignore[arg-type]
     assert not naming.from_special_cases(tried, size, 85.0, lambda _: None)  # type: ignore[arg-type]
 
