@@ -36,7 +36,7 @@ from drillenv.diagnosis.laws import (
     bsplines,
     coefficients,
     kinds_of_spring,
-    lowest,
+    lower_bound,
     normalised,
     odd_with_step,
 )
@@ -361,7 +361,7 @@ class BodyRig(Adapter):
                     values = [start[i] * size for start in form.starts]
                     # a spring may soften; what takes energy cannot give it
                     softens = effect.energy == "stores" and parameter.unit != "m" and parameter.low == 0.0
-                    low = -1e3 * size if softens else lowest(parameter, values, i)
+                    low = -1e3 * size if softens else lower_bound(parameter, values, i)
                     unknowns.append(Unknown(symbol, values[0], 0.2 * max(map(abs, values)), math.inf, low, math.inf,
                                             parameter.unit))  # fmt: skip
                     starts.append(values)

@@ -257,7 +257,7 @@ def contradicted_correction(labels: Sequence[Label], every: Sequence[StateEstima
     return None
 
 
-def unless_contradicted(
+def keep_unless_contradicted(
     labels: Sequence[Label], keep: Keep, fitted: Fitted, steps: list[Step], tested: ScoreTests
 ) -> None:
     """Keep what has been found.
@@ -351,12 +351,14 @@ def selected(
     say(f"reduced chi-square {begun.reduced_chi_square:.3f}")
     progress.keep(begun, begun, [], ScoreTests([], 1.0))
     progress.stage(SEARCHING)
-    found, steps, tested = forward(begun, say, keep=partial(unless_contradicted, labels, partial(progress.keep, begun)))
+    found, steps, tested = forward(
+        begun, say, keep=partial(keep_unless_contradicted, labels, partial(progress.keep, begun))
+    )
     progress.keep(begun, found, steps, tested)
     progress.stage(EXTENDING)
     final = extended(data, found, pool)
     plain = begun if steps else final
-    keep = partial(unless_contradicted, labels, partial(progress.keep, plain))
+    keep = partial(keep_unless_contradicted, labels, partial(progress.keep, plain))
     keep(final, steps, tested)
     say(f"reduced chi-square {final.reduced_chi_square:.3f}")
     by_equations = {step.family.group for step in steps if step.named.equation is not None}

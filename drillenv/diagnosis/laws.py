@@ -288,13 +288,13 @@ def _unknown(parameter: Parameter, form: Form, i: int) -> Unknown:
     """
     starts = [start[i] for start in form.starts]
     largest, farthest = max(map(abs, starts)), 2.0 * max(abs(each - parameter.neutral) for each in parameter.typical)
-    low, high = lowest(parameter, starts, i), parameter.high
+    low, high = lower_bound(parameter, starts, i), parameter.high
     if farthest > 0.0:
         low, high = max(low, parameter.neutral - farthest), min(high, parameter.neutral + farthest)
     return Unknown(parameter.symbol, form.starts[0][i], 0.2 * largest, math.inf, low, high, parameter.unit)
 
 
-def lowest(parameter: Parameter, starts: Sequence[float], i: int) -> float:
+def lower_bound(parameter: Parameter, starts: Sequence[float], i: int) -> float:
     """The lower bound of the parameter of a form that comes after i others.
 
     What only some forms of the effect have is no nearer to neutral than a tenth of its starts, where the equation would

@@ -217,7 +217,7 @@ def test_a_search_does_not_go_on_from_a_wrong_correction(monkeypatch, campaigns,
     nothing: Any = None
 
     def tell():
-        drill_diagnosis.unless_contradicted([corrected], lambda *found: kept.append(found), fit, [], nothing)
+        drill_diagnosis.keep_unless_contradicted([corrected], lambda *found: kept.append(found), fit, [], nothing)
 
     if ends:
         with pytest.raises(drill_diagnosis.CorrectionContradicted) as contradicted:
