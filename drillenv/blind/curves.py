@@ -174,7 +174,7 @@ def reference(motions: Sequence[Motion], frequencies: Sequence[float], statics: 
 
     depth = joined(lambda m: m.depth)
     stroke = [np.ptp(signal.detrend(m.x2 + m.shortening)) for m in motions]
-    gained = [(m.x2[-1] - m.x2[0]) / max(m.impacts[-1] - m.impacts[0], 1.0) for m in motions]
+    gained = [_advance(m) for m in motions]
     beyond = np.concatenate([m.shortening - f / stiffness for m, f in zip(motions, statics, strict=True)])
     ranges = {
         "into": span(joined(lambda m: m.into)[loading]),
@@ -197,6 +197,13 @@ def reference(motions: Sequence[Motion], frequencies: Sequence[float], statics: 
     }
     middle = float(np.median(depth[loading])) if loading.any() else 1e-5
     return Reference(loading_stiffness, stiffness, middle, float(np.mean(statics)), float(np.mean(gained)), ranges)
+
+
+def _advance(motion: Motion) -> float:
+    """Metres that an impact drills: the slope of a straight line through displacement over impacts; its ends oscillate."""
+    impacts = motion.impacts - motion.impacts.mean()
+    spread = float(impacts @ impacts)
+    return float(impacts @ motion.x2) / spread if spread > 0.0 else 0.0
 
 
 def arguments(mechanism: str, where: Reference) -> Floats:
