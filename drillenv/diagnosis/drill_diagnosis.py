@@ -46,7 +46,7 @@ from drillenv.diagnosis.progress import (
 )
 from drillenv.diagnosis.scope import Scope
 from drillenv.diagnosis.score_tests import ScoreTests
-from drillenv.diagnosis.selection import Keep, forward
+from drillenv.diagnosis.selection import Keep, forward, with_families_reconsidered
 from drillenv.diagnosis.sinusoids import Sinusoid
 from drillenv.diagnosis.solver import Limits
 from drillenv.diagnosis.steps import Step, mechanisms_of
@@ -368,6 +368,7 @@ def selected(
     # a model that does not hold where its stretches go on is not mended by more families
     if final.reduced_chi_square < CLOSE:
         progress.stage(SEARCHING_AGAIN)
+        final = with_families_reconsidered(final, steps, say)
         final, steps, tested = forward(final, say, steps, tested, keep)
     return Known(plain, final_refit(final), steps, tested)
 

@@ -14,10 +14,10 @@ from drillenv.diagnosis.solver import Fit, Floats, Limits, Priors, eliminated, m
 from drillenv.diagnosis.terms import ModelStructure, Term
 from drillenv.diagnosis.thresholds import CLOSE, RESOLVED
 
-RELAXED, TIGHT = 1e3, 1.0
+RELAXED, TIGHT = 1e4, 1.0
 """Of the continuity constraints' standard deviations: windows nearly free, and windows that go on from each other to
 within the integrator's error."""
-TIGHTENING = (100.0, 10.0, TIGHT)
+TIGHTENING = (1000.0, 100.0, 10.0, TIGHT)
 """From one to the other in smaller steps."""
 CONVERGED = Limits(40, 0.5, 0.003)
 """Until a step gains next to nothing of what is left: far off, fits creep along curved valleys, and say little

@@ -28,6 +28,7 @@ from drillenv.diagnosis.steps import (
     accept,
     add_step,
     copied,
+    exchanged,
     gain_of_others,
     identify_equation,
     measured_beside,
@@ -194,6 +195,35 @@ def forward(
         steps, possible = kept, None
 
 
+def with_families_reconsidered(fitted: Fitted, steps: list[Step], say: Say) -> Fitted:
+    """The fit with another family in the place of a measured law which leaves something, where one does better.
+
+    On stretches of recordings the laws of two forces may do alike, where all samples tell them apart: which others there
+    may be is tested again without the law. The steps are changed.
+    """
+    while fitted.reduced_chi_square > 1.0 + LEFT:
+        for step in steps:
+            if step.named.equation is None and not step.family.constant and not step.corrects:
+                step.rivals = rivals_tested_again(fitted, steps, step, say)
+        other = exchanged(fitted, steps, say)
+        if other is None:
+            break
+        fitted = other
+    return fitted
+
+
+def rivals_tested_again(fitted: Fitted, steps: Sequence[Step], step: Step, say: Say) -> list[tuple[Family, float]]:
+    """A step's rivals, and the families behind them that would be candidates in the fit without it."""
+    others = [each for each in steps if each is not step]
+    rest = fitted.refit(*without(fitted, step.terms), states_first=True)
+    scores, level = score_tests(rest, still_possible(rest, others))
+    needed = [least_gain(each, rest, others, scores) for each in scores]
+    say(f"score tests without {step.named.mechanism}: {largest(scores, needed)}; p below {level:.2g}")
+    known = {step.family.name, *(family.name for family, _ in step.rivals)}
+    found = [each.family for each in shortlist(scores, level, needed, rest) if each.family.name not in known]
+    return [*step.rivals, *((each, 0.0) for each in found if each.group != step.family.group)]
+
+
 def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
     """The largest gains by the score test, on recordings left out, and the gains needed, for a person."""
     return ", ".join(
@@ -203,7 +233,10 @@ def largest(scores: Sequence[Score], needed: Sequence[float]) -> str:
 
 
 def still_possible(
-    fitted: Fitted, steps: Sequence[Step], possible: Collection[str] | None, only: Collection[str] | None = None
+    fitted: Fitted,
+    steps: Sequence[Step],
+    possible: Collection[str] | None = None,
+    only: Collection[str] | None = None,
 ) -> list[Family]:
     """Families that are not there yet, of these names and of ``only`` these groups where any are given."""
     there = {step.family.group for step in steps}
@@ -272,11 +305,15 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
     """The families to fit: those whose gain is no chance and near to the best, two of one mechanism at most.
 
     What has states of its own resonates: its gain at zero strength says little of that at another, and nothing where
-    the model is far off. So it is fitted at each frequency or time constant.
+    the model is far off, or where no score test promises most of what is left. So it is fitted at each frequency or
+    time constant.
     """
-    far = fitted.reduced_chi_square > CLOSE
     pairs = zip(scores, needed, strict=True)
     called = [each for each, least in pairs if each.p < level and each.gain > least and each.confirmed]
+    if not called:
+        return []
+    left = fitted.cost - 0.5 * fitted.residual_dof
+    far = fitted.reduced_chi_square > CLOSE or called[0].gain < PROMISED * left
     chosen: list[Score] = []
     for each in called:
         same = [other for other in chosen if other.family.group == each.family.group]
@@ -285,7 +322,7 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
     # a constant is the simplest, and a part of what free laws gain may be its own
     more = [each for each in called if each.family.constant and each not in chosen]
     chosen += [each for each in more if each.gain >= NEAR * called[0].gain][:CANDIDATES]
-    for each in scores if called else []:
+    for each in scores:
         resonant = each.family.has_states and each.p < level and (far or each.gain > FAINT * called[0].gain)
         if resonant and all(each.family.name != other.family.name for other in chosen):
             chosen.append(each)
