@@ -200,7 +200,7 @@ def reference(motions: Sequence[Motion], frequencies: Sequence[float], statics: 
 
 
 def _advance(motion: Motion) -> float:
-    """Metres that an impact drills: the slope of a straight line through displacement over impacts; its ends oscillate."""
+    """Metres that an impact drills: the slope of a line through displacement over impacts, whose ends oscillate."""
     impacts = motion.impacts - motion.impacts.mean()
     spread = float(impacts @ impacts)
     return float(impacts @ motion.x2) / spread if spread > 0.0 else 0.0

@@ -198,8 +198,8 @@ def forward(
 def with_families_reconsidered(fitted: Fitted, steps: list[Step], say: Say) -> Fitted:
     """The fit with another family in the place of a measured law which leaves something, where one does better.
 
-    On stretches of recordings the laws of two forces may do alike, where all samples tell them apart: which others there
-    may be is tested again without the law. The steps are changed.
+    On stretches of recordings the laws of two forces may do alike, where all samples tell them apart: which others
+    there may be is tested again without the law. The steps are changed.
     """
     while fitted.reduced_chi_square > 1.0 + LEFT:
         for step in steps:
