@@ -238,7 +238,10 @@ def still_possible(
     possible: Collection[str] | None = None,
     only: Collection[str] | None = None,
 ) -> list[Family]:
-    """Families that are not there yet, of these names and of ``only`` these groups where any are given."""
+    """Families that are not there yet, of these names and of ``only`` these groups where any are given.
+
+    Constants are always tested: what whole recordings say of the shaker's mass grows with the cube of their length.
+    """
     there = {step.family.group for step in steps}
     measured = {step.family.group for step in steps if step.named.equation is None}
     # of a mechanism that follows an equation, a free law may still correct it
@@ -246,7 +249,7 @@ def still_possible(
         each
         for each in candidates(fitted)
         if each.group not in measured and not (each.has_states and each.group in there)
-        if possible is None or each.name in possible
+        if possible is None or each.name in possible or each.constant
         if only is None or each.group in only
     ]
     if only is None and fitted.reduced_chi_square > 1.0 + LEFT:

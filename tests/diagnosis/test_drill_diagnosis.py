@@ -40,9 +40,9 @@ def concealing(name: str, equation: int, **parameters: float) -> tuple[Concealed
     return (Concealed(name, MECHANISMS[name].equations[equation], parameters),)
 
 
-def diagnosed(seed: int, hidden=(), wrong=None):
-    """Diagnose four short recordings; also what was true."""
-    made = plain_campaign(np.random.default_rng(seed), 4, hidden, wrong, recordings=4, seconds=0.25)
+def diagnosed(seed: int, hidden=(), wrong=None, recordings=4, seconds=0.25):
+    """Diagnose a few short recordings; also what was true."""
+    made = plain_campaign(np.random.default_rng(seed), 4, hidden, wrong, recordings=recordings, seconds=seconds)
     return made, diagnose_drill(made.campaign)
 
 
@@ -74,6 +74,13 @@ def test_a_wrong_constant_is_named_and_right(monkeypatch):
     record = record_of(replace(outcome, verdict="unexplained"), [])
     assert record["where"]["summary"] == record["rest"]["summary"] == drill_report.FOLLOWS_NONE
     assert record["cells"] == []
+
+
+def test_a_wrong_mass_of_the_shaker_shows_in_how_its_windows_go_on():
+    """It is 3 % off, of which a few periods say nothing: it is the motion over a whole recording that tells."""
+    made, outcome = diagnosed(22, wrong={"shaker_mass": 8.0}, recordings=6, seconds=0.5)
+    assert outcome.verdict == "parameters"
+    assert outcome.final.values[0] == pytest.approx(made.true._asdict()["shaker_mass"], rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from drillenv.diagnosis.laws import Curve, Equation, Family, equations, families
 from drillenv.diagnosis.naming import Named, Tried, does_as_well, name_law
 from drillenv.diagnosis.resolution import refined
 from drillenv.diagnosis.score_tests import Score, ScoreTests
-from drillenv.diagnosis.selection import forward, least_gain, strength_shows
+from drillenv.diagnosis.selection import forward, least_gain, shortlist, strength_shows, with_families_reconsidered
 from drillenv.diagnosis.sensing import sensor_families
 from drillenv.diagnosis.steps import accept
 from drillenv.diagnosis.tables import GRID, PLACES, Axes
@@ -474,6 +474,50 @@ def test_what_a_free_law_leaves_is_at_most_half_of_what_is_left():
     scores = [score("mount", 0.9 * left), score("damper", 0.7 * left)]
     assert least_gain(scores[1], fit(1.02), [free], scores) == pytest.approx(0.5 * left)
     assert least_gain(scores[1], fit(1.02), [equation], scores) == pytest.approx(0.9 * left)
+
+
+@pytest.mark.parametrize(("left", "fitted_too"), [(300.0, False), (900.0, True)])
+def test_what_has_states_is_fitted_where_no_score_promises_most_of_what_is_left(left, fitted_too):
+    """By the quadratic about no air the guide's friction gains more; how much air gains, that says least of."""
+
+    def of(name: str, gain: float, has_states: bool) -> Any:
+        return Fake(
+            family=Fake(name=name, group=name, constant="", has_states=has_states), gain=gain, p=0.0, confirmed=True
+        )
+
+    scores = [of("guide", 200.0, False), of("air", 8.0, True)]
+    there: Any = Fake(reduced_chi_square=1.3, cost=0.5 * SAMPLES + left, residual_dof=SAMPLES)
+    found = shortlist(scores, 0.01, [0.0, 0.0], there)
+    assert [each.family.name for each in found] == (["guide", "air"] if fitted_too else ["guide"])
+
+
+@pytest.mark.parametrize(("chi_square", "equation"), [(1.3, None), (1.02, None), (1.3, "coulomb")])
+def test_a_measured_law_that_leaves_something_is_held_against_other_families(monkeypatch, chi_square, equation):
+    """Those that would be candidates without it, until it leaves nothing or none does better."""
+    spring, air, own = (Fake(name=name, group=group) for name, group in
+                        [("spring", "spring"), ("air", "air"), ("presliding guide", "guide")])  # fmt: skip
+    there = step("guide", 90.0, equation)
+    there.terms, there.rivals, there.named.mechanism = (), [(spring, 40.0)], "guide-friction"
+    asked = []
+
+    def exchanged(fitted, steps, say):
+        asked.append([each.name for each, _ in steps[0].rivals])
+        return better if len(asked) == 1 else None
+
+    before, better = fit(chi_square), fit(1.2)
+    before.refit = better.refit = lambda *_, **__: fit(3.0)
+    monkeypatch.setattr(selection, "without", lambda *_: ())
+    monkeypatch.setattr(selection, "still_possible", lambda *_: [])
+    monkeypatch.setattr(selection, "score_tests", lambda *_: ScoreTests([], 0.01))
+    monkeypatch.setattr(selection, "shortlist", lambda *_: [Fake(family=each) for each in (own, spring, air)])
+    monkeypatch.setattr(selection, "exchanged", exchanged)
+    found = with_families_reconsidered(before, [there], lambda _: None)
+    if chi_square < 1.06:
+        assert found is before and not asked
+    elif equation is None:
+        assert found is better and asked == [["spring", "air"]] * 2
+    else:
+        assert asked[0] == ["spring"]
 
 
 def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
