@@ -34,6 +34,7 @@ from drillenv.diagnosis.steps import (
     measured_beside,
     mechanisms_of,
     reconsidered,
+    with_equations_reconsidered,
     with_laws_changed,
 )
 from drillenv.diagnosis.terms import ModelStructure
@@ -174,6 +175,11 @@ def forward(
         needed = [least_gain(each, fitted, steps, scores, dismissed) for each in scores]
         say(f"score tests: {largest(scores, needed)}; p below {level:.2g}")
         chosen = shortlist(scores, level, needed, fitted)
+        if chosen:
+            better = with_equations_reconsidered(fitted, steps, chosen[0].gain, say)
+            if better is not fitted:
+                fitted = better
+                continue
         step = None
         if chosen and sum(not each.family.constant for each in mechanisms_of(steps)) < MOST_FAMILIES:
             step = best_step(fitted, chosen, level, say, steps)

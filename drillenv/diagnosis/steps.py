@@ -275,6 +275,21 @@ def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
     return replace(step, after=best, named=named, terms=(equation,), provisional=False)
 
 
+def with_equations_reconsidered(fitted: Fitted, steps: list[Step], gain: float, say: Say) -> Fitted:
+    """The fit with the best of the equations that stretches did not tell apart, before another family gains so much.
+
+    Of more samples those are told apart by more; what the true equation would take up, others find in its place. The
+    steps are changed, each once.
+    """
+    for i, step in enumerate(steps):
+        if step.named.equation is None or step.samples >= fitted.samples:
+            continue
+        again = reconsidered(fitted, step, gain * step.samples / fitted.samples, say)
+        steps[i] = replace(again, gain=step.gain_in(fitted), samples=fitted.samples)
+        fitted = again.after
+    return fitted
+
+
 def with_laws_changed(fitted: Fitted, steps: list[Step], say: Say, found_here: bool) -> Fitted | None:
     """The fit with a law that was found drawn finer, in an equation's words, or exchanged for a rival's; or None.
 

@@ -520,6 +520,26 @@ def test_a_measured_law_that_leaves_something_is_held_against_other_families(mon
         assert asked[0] == ["spring"]
 
 
+def test_equations_that_stretches_did_not_tell_apart_are_reconsidered_once(monkeypatch):
+    """By what another family would gain in as many samples as they were chosen on; a measured law has none."""
+    named = Named("guide-friction", "coulomb")  # type: ignore[arg-type]
+    family: Any = Fake(name="guide", group="guide", constant="")
+    before, after = fit(1.03), fit(1.02)
+    chosen: Any = steps.Step(family, 150.0, 1, SAMPLES // 4, before, named, (), [])
+    there = [chosen, replace(chosen, named=Named("backlash", None))]
+    asked = []
+
+    def reconsidered(fitted, step, beside, say):
+        asked.append(beside)
+        return replace(step, after=after)
+
+    monkeypatch.setattr(steps, "reconsidered", reconsidered)
+    assert steps.with_equations_reconsidered(before, there, 80.0, lambda _: None) is after
+    assert steps.with_equations_reconsidered(after, there, 80.0, lambda _: None) is after
+    assert asked == [20.0]
+    assert (there[0].gain, there[0].samples) == (600.0, SAMPLES)
+
+
 def test_the_search_goes_on_without_what_was_left_out(monkeypatch):
     """Beside what is needless after all, another family looked like chance; what was left out is not tried again."""
     there = [step("guide", 90.0, None), step("mass", 60.0, None)]
