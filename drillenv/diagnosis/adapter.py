@@ -48,6 +48,10 @@ class RecordingProblem:
         """(parameters, n) of what is predicted, likewise."""
         raise NotImplementedError
 
+    def free_unknowns(self, own: Floats) -> int:
+        """How many of its own unknowns the samples alone have to tell."""
+        return own.size
+
     def cost(self, shared: Floats, own: Floats) -> float:
         """Negative log-likelihood; infinite where there is none."""
         return 0.5 * float(np.sum(self.residual(shared * self.structure.scales) ** 2))

@@ -36,6 +36,7 @@ from drillenv.diagnosis.drill_unknowns import (
     states_under,
 )
 from drillenv.diagnosis.engine import Raw, Varied, assembled, columns_of, raw_of
+from drillenv.diagnosis.fitting import TIGHT
 from drillenv.diagnosis.noise import NoiseModel, line_columns, nuisance, whiten
 from drillenv.diagnosis.solver import Floats, Quadratic
 from drillenv.diagnosis.terms import REACH, Model, ModelStructure, OperatingPoint
@@ -424,6 +425,11 @@ class ShootingProblem(RecordingProblem):
     def defects(self, raw: Raw, kept: int) -> Floats:
         """(windows - 1, kept) residuals of the continuity constraints."""
         return (raw.begin[1:, :kept] - raw.ends[:-1, :kept]) / self.continuity(kept)
+
+    def free_unknowns(self, own: Floats) -> int:
+        """How many own unknowns the samples alone have to tell: those that continuity ties to no others."""
+        tied = self.state_count(own) - (0 if self.slack <= TIGHT else MASSES)
+        return own.size - (self.windows - 1) * tied
 
     def continuity(self, kept: int) -> Floats:
         """(kept,) standard deviations with which windows go on from each other.

@@ -263,7 +263,7 @@ def chi_square(blocks: Sequence[StateEstimate]) -> float:
             return math.inf
         residual = block.residual(shared * block.scales, raw.signals, own)
         total += float((residual**2).sum())
-        dof += block.samples - own.size
+        dof += block.samples - block.free_unknowns(own)
     return total / max(dof, 1)
 
 
@@ -272,7 +272,6 @@ def excess_chi_square(blocks: Sequence[StateEstimate]) -> Floats:
     found = []
     for block, own, shared in blocks:
         by_window = 2.0 * block.costs(shared, own)[1]
-        constraints = (block.windows - 1) * block.state_count(own)
-        expected = (block.samples + constraints - own.size) / block.windows
+        expected = (block.samples - block.free_unknowns(own)) / block.windows
         found.append(np.add.reduceat(by_window - expected, np.arange(0, block.windows, PART)))
     return np.concatenate(found)

@@ -107,8 +107,9 @@ class Fitted:
 
     @property
     def residual_dof(self) -> int:
-        """Samples less own unknowns."""
-        return self.samples - sum(own.size for own in self.fit.own) - self.fit.shared.size
+        """Samples less parameters and own unknowns, but for those that continuity ties to others."""
+        own = sum(block.free_unknowns(own) for block, own in zip(self.blocks, self.fit.own, strict=True))
+        return self.samples - own - self.fit.shared.size
 
     @property
     def reduced_chi_square(self) -> float:

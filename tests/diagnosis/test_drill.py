@@ -72,6 +72,14 @@ def test_a_rig_that_runs_begins_as_it_goes_on(plain):
     assert better_from_steady_motion(block, shared, own, block.cost(shared, own)) is own
 
 
+def test_states_that_continuity_ties_are_no_free_unknowns(plain):
+    """Of a motion those of its first window are free, of windows that are nearly free all of the masses."""
+    block, shared, own = plain
+    assert block.free_unknowns(own) == MASSES + block.locals
+    loose = replace(block, slack=RELAXED)
+    assert loose.free_unknowns(own) == own.size
+
+
 def with_law(plain, group):
     """The same with a law of the coupling, its own unknowns on the way to their best."""
     block, shared, own = plain
@@ -237,6 +245,8 @@ def test_a_mount_is_pressed_in_where_windows_are_first_guessed(plain):
 
     kept = mounted.state_count(guess)
     assert np.array_equal(mounted.states_of(begun)[:, :MASSES], mounted.states_of(guess)[:, :MASSES])
+    # its states are always tied, those of the masses are free here
+    assert mounted.free_unknowns(begun) == MASSES * (mounted.windows - 1) + kept + mounted.locals
     model = structure.model(shared * mounted.scales, mounted.point)
     jumps = [np.abs(mounted.defects(mounted.integrate(model, own), kept)[:, MASSES:]).max() for own in (guess, begun)]
     # the masses, of which the guess is as it was, drive it a little otherwise than when they went on as well

@@ -425,12 +425,13 @@ def test_a_strength_that_does_not_show_is_put_to_the_likelihood_ratio_where_it_w
 def test_a_family_is_begun_from_stated_constants_too_where_they_are_strained(monkeypatch, stiffness, std, left, again):
     """What a family explains constants may have taken up, and states with them."""
     structure = ModelStructure((Term("constants", (Unknown("stiffness", 100.0, 10.0, std),)),), FLAT, DRILL)
-    block: Any = Fake(slack=TIGHT, samples=1001)
-    before = Fitted(structure, [block], Fake(shared=np.array([stiffness / 10.0]), own=[], cost=600.0))  # type: ignore
+    block: Any = Fake(slack=TIGHT, samples=1001, free_unknowns=lambda _: 0)
+    own = [np.zeros(0)]
+    before = Fitted(structure, [block], Fake(shared=np.array([stiffness / 10.0]), own=own, cost=600.0))  # type: ignore
 
     def with_family(fitted, _family, _limits, from_nominal=False):
         cost = 500.0 + (100.0 * left if not from_nominal else 0.0)
-        return replace(fitted, fit=Fake(shared=fitted.fit.shared, own=[], cost=cost, from_nominal=from_nominal))
+        return replace(fitted, fit=Fake(shared=fitted.fit.shared, own=own, cost=cost, from_nominal=from_nominal))
 
     monkeypatch.setattr(selection, "with_family", with_family)
     found: Any = selection.short_fit(before, Fake(constant=""))  # type: ignore[arg-type]
