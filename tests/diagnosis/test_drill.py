@@ -74,7 +74,7 @@ def test_a_rig_that_runs_begins_as_it_goes_on(plain):
 
 def test_states_that_continuity_ties_are_no_free_unknowns(plain):
     """Of a motion those of its first window are free, of windows that are nearly free all of the masses."""
-    block, shared, own = plain
+    block, _shared, own = plain
     assert block.free_unknowns(own) == MASSES + block.locals
     loose = replace(block, slack=RELAXED)
     assert loose.free_unknowns(own) == own.size
