@@ -321,7 +321,7 @@ def shortlist(scores: Sequence[Score], level: float, needed: Sequence[float], fi
     called = [each for each, least in pairs if each.p < level and each.gain > least and each.confirmed]
     if not called:
         return []
-    left = fitted.cost - 0.5 * fitted.residual_dof
+    left = fitted.cost - 0.5 * fitted.residual_dof if fitted.reduced_chi_square > 1.0 + LEFT else 0.0
     far = fitted.reduced_chi_square > CLOSE or called[0].gain < PROMISED * left
     chosen: list[Score] = []
     for each in called:
