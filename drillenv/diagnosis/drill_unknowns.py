@@ -28,8 +28,8 @@ from drillenv.dynamics.hybrid.vector_field import (
 )
 
 CONTINUITY = np.array([2e-8, 2e-6, 1e-4, 1e-7, 1e-8, 1e-5, 0.015, 0.015, 0.015, 1e-8, 1e-5])
-"""Standard deviations with which a window goes on where the one before ends, by state. What they leave open, a force on
-the shaker body may be for all that the recording says: in a period 1 N moves it by 5e-5 m/s."""
+"""Standard deviations with which a window goes on where the one before ends, by state. A force on the shaker body hides
+in what they leave open: in a period 1 N changes its speed by 5e-5 m/s."""
 MASSES = 4
 """States of the two masses, which come first."""
 PRESSURE_LABEL = 0.006
