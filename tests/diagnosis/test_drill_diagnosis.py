@@ -177,7 +177,7 @@ def test_a_fit_to_stretches_with_two_misread_recordings_is_held_against_all_of_t
     data = [condition(each, nominal_rig(campaign)) for each in campaign.recordings]
     names = [each.name for each in data[:2]]
     with ThreadPoolExecutor(2) as pool:
-        short = plain_fit(campaign, [each.first(8) for each in data], pool, names)
+        short = plain_fit(campaign, [each.first(12) for each in data], pool, names)
         best = extended(data, short, pool)
         found = reestimate_states(short, best, pool)
     assert found.fit.shared.tolist() == short.fit.shared.tolist()
@@ -281,7 +281,7 @@ def test_a_recording_that_no_motion_follows_is_the_outlier():
         def __init__(self, name, cost):
             self.name, self.point, self.cost = name, SimpleNamespace(name=name), cost
 
-        def state_count(self, _own):
+        def free_unknowns(self, _own):
             return 4
 
         def costs(self, _shared, _own):
