@@ -271,8 +271,8 @@ def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
     if equation is not chosen:
         best = best.refit()
         say(f"  {equation.effect}, {equation.name}: chi-square {best.reduced_chi_square:.4f}")
-    named = replace(step.named, equation=equation, mechanism=equation.effect)
-    return replace(step, after=best, named=named, terms=(equation,), provisional=False)
+        step = replace(step, named=replace(step.named, equation=equation, mechanism=equation.effect), terms=(equation,))
+    return replace(step, after=best, provisional=False)
 
 
 def with_equations_reconsidered(fitted: Fitted, steps: list[Step], gain: float, say: Say) -> Fitted:

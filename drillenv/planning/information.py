@@ -27,7 +27,7 @@ from drillenv.diagnosis.drill import ShootingProblem
 from drillenv.diagnosis.drill_rig import DRILL
 from drillenv.diagnosis.drill_unknowns import first_states
 from drillenv.diagnosis.equations import Around
-from drillenv.diagnosis.fitting import TIGHT, priors_of
+from drillenv.diagnosis.fitting import RELAXED, TIGHT, priors_of
 from drillenv.diagnosis.laws import MOUNT_LAW, Curve, axes_visited, families
 from drillenv.diagnosis.noise import NoiseModel
 from drillenv.diagnosis.solver import Floats, eliminated
@@ -172,9 +172,11 @@ def settle(site: Site, setting: Setting, starts: str, base: ModelStructure) -> S
     # white noise loses by thinning what it does in a diagnosis
     less = 1.0 / math.sqrt(data.thinned)
     noise = tuple(NoiseModel(less * std, 0.0, (), data.rate) for std in site.noise[1:])
-    problem = ShootingProblem(data, base, TIGHT, (noise[0], noise[1]))
     shared = priors_of(base).centre
-    block, own = problem.under(base, first_states(data))
+    # joined at once, windows that begin as first guessed would not find to one motion
+    free, own = ShootingProblem(data, base, RELAXED, (noise[0], noise[1])).under(base, first_states(data))
+    own = free.estimate_states(shared, own, SETTLING)
+    block, own = free.under(base, free.rollout(shared, own), TIGHT)
     own = block.estimate_states(shared, own, SETTLING)
     cost = block.cost(shared, own)
     return Settled(setting, starts, block, own) if cost < LEFT_OVER else None
