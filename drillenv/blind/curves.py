@@ -380,7 +380,7 @@ def law_beside(
         return moved(0.0)
     tried = np.linspace(-reach, reach, MOVES)
     best, step = float(min(tried, key=off)), 2.0 * reach / (MOVES - 1)
-    finer = minimize_scalar(off, bounds=(best - step, best + step), method="bounded")
+    finer: Any = minimize_scalar(off, bounds=(best - step, best + step), method="bounded")
     return moved(float(finer.x) if finer.fun < off(best) else best)
 
 
