@@ -276,10 +276,10 @@ def reconsidered(fitted: Fitted, step: Step, beside: float, say: Say) -> Step:
 
 
 def with_equations_reconsidered(fitted: Fitted, steps: list[Step], gain: float, say: Say) -> Fitted:
-    """The fit with the best of the equations that stretches did not tell apart, before another family gains so much.
+    """The fit with steps' equations chosen again, where they were chosen on fewer samples than there are now.
 
-    Of more samples those are told apart by more; what the true equation would take up, others find in its place. The
-    steps are changed, each once.
+    More samples tell equations apart that stretches did not. What a wrong one leaves, another family would take up,
+    with at most this ``gain`` in log-likelihood. The steps are changed, each once.
     """
     for i, step in enumerate(steps):
         if step.named.equation is None or step.samples >= fitted.samples:
